@@ -10,7 +10,7 @@ from typer import Option
 from granular_id._core import GranularIdError
 from granular_id._files import check_source
 from granular_id.cli import options as opt
-from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, show, write_files
+from granular_id.cli.outputs import PICTURE, check_outputs, json_of, show, write_files
 from granular_id.cli.recordings import read
 
 
@@ -43,7 +43,9 @@ def confidence(
     shares = opt.numbers_in("--levels", levels, wanted)
     if not all(0 < share < 1 for share in shares) or len(set(shares)) < len(shares):
         raise GranularIdError(f"--levels must be {wanted}, got {levels!r}")
-    check_outputs(("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=path, force=force)
+    check_outputs(
+        ("--figure", figure, PICTURE), ("--json", json, json_of("confidence")), source=path, force=force
+    )
     check_source(path)  # before imports that take longer than a look
     data = read(path, prepared=True)
 

@@ -9,9 +9,9 @@ import typer
 from typer import Option
 
 from granular_id._core import GranularIdError
-from granular_id._files import check_source, write_json
+from granular_id._files import check_source
 from granular_id.cli import options as opt
-from granular_id.cli.outputs import COLUMNS, JSON_FILE, PICTURE, check_outputs, show, write_files
+from granular_id.cli.outputs import COLUMNS, PICTURE, check_outputs, json_of, numbers, show, write_files
 from granular_id.cli.recordings import read, say_step
 
 _MOST_LINES = 16
@@ -39,7 +39,7 @@ def info(
     - `granular-id data info pushes.mat --json info.json`
     - `granular-id data info drives --axes wx,wy,wz,ax,ay,az --units rad/s,m/s2`
     """
-    check_outputs(("--json", json, JSON_FILE), source=path, force=force)
+    check_outputs(("--json", json, json_of("info")), source=path, force=force)
     check_source(path)
     from granular_id.recording import axes_in_words
 
@@ -57,7 +57,7 @@ def info(
     ]
     show("\n".join(lines), most=None if details else _MOST_LINES)
     everything = {"summary": summary.to_dict(), "history": [step.to_dict() for step in data.history]}
-    write_files((json, lambda file: write_json(file, everything)))
+    write_files((json, numbers("info", lambda: everything)))
 
 
 def check(
@@ -83,7 +83,7 @@ def check(
     - `granular-id data check recordings`
     - `granular-id data check recordings --json check.json`
     """
-    check_outputs(("--json", json, JSON_FILE), source=path, force=force)
+    check_outputs(("--json", json, json_of("check")), source=path, force=force)
     check_source(path)
     from granular_id.recording import mixed_setup_warnings
 
@@ -93,7 +93,7 @@ def check(
     show(report.text(width=COLUMNS), most=None if details else _MOST_LINES)
     if mixed:
         show("\n".join(mixed), "bold yellow", most=None if details else 3)
-    write_files((json, lambda file: write_json(file, {**report.to_dict(), "setup": mixed})))
+    write_files((json, numbers("check", lambda: {**report.to_dict(), "setup": mixed})))
     if report.worst == "error":
         raise typer.Exit(opt.FOUND_ERRORS)
 

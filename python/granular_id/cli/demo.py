@@ -10,7 +10,7 @@ from typer import Option
 from granular_id._files import made_folder
 from granular_id.cli.evaluate import print_result, write_report
 from granular_id.cli.options import Force, Seed
-from granular_id.cli.outputs import JSON_FILE, PAGE, PREDICTIONS, check_outputs, show, write_files
+from granular_id.cli.outputs import PAGE, PREDICTIONS, check_outputs, json_of, show, write_files
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
@@ -39,7 +39,9 @@ def demo(
     page, numbers, table = (output / name for name in ("report.html", "result.json", "predictions.csv"))
     with made_folder(output):
         check_outputs(
-            *(("--output", page, PAGE), ("--output", numbers, JSON_FILE), ("--output", table, PREDICTIONS)),
+            ("--output", page, PAGE),
+            ("--output", numbers, json_of("evaluation")),
+            ("--output", table, PREDICTIONS),
             force=force,
         )
         from granular_id.evaluation import evaluate

@@ -15,10 +15,10 @@ from granular_id._files import check_source
 from granular_id._text import install
 from granular_id.cli import options as opt
 from granular_id.cli.outputs import (
-    JSON_FILE,
     PAGE,
     PREDICTIONS,
     check_outputs,
+    json_of,
     print_table,
     repeated_command,
     show,
@@ -85,7 +85,7 @@ def evaluate(
     settings = opt.histogram_settings(cutoff_hz, bin_range) if given else {}
     check_outputs(
         ("--report", report, PAGE),
-        ("--json", json, JSON_FILE),
+        ("--json", json, json_of("evaluation")),
         ("--csv", csv, PREDICTIONS),
         source=path,
         force=force,

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument
 
 from granular_id._core import GranularIdError
-from granular_id._files import check_source, write_json
+from granular_id._files import check_source
 from granular_id._text import in_columns, known_label
 from granular_id.cli import options as opt
-from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, show, write_files
+from granular_id.cli.outputs import PICTURE, check_outputs, json_of, numbers, show, write_files
 from granular_id.cli.recordings import read
 from granular_id.cli.train import pipeline_of
 
@@ -44,7 +44,9 @@ def explain(
     - `granular-id explain recordings rice oat`
     - `granular-id explain recordings rice oat --space hfmh --figure rice_oat.png --json rice_oat.json`
     """
-    check_outputs(("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=path, force=force)
+    check_outputs(
+        ("--figure", figure, PICTURE), ("--json", json, json_of("explanation")), source=path, force=force
+    )
     check_source(path)  # before imports that take longer than a look
     data = read(path, prepared=True)
     first, second = (known_label(name, data.labels) for name in (first, second))
@@ -69,8 +71,8 @@ def explain(
         title += ", SYNTHETIC recordings" if data.is_synthetic else ""
         plot_explanation(explanation, title=title, path=file)
 
-    numbers = {"space": space, "model": model, "split": split, **explanation.to_dict()}
-    write_files((figure, draw), (json, lambda file: write_json(file, numbers)))
+    about = {"space": space, "model": model, "split": split}
+    write_files((figure, draw), (json, numbers("explanation", lambda: about | explanation.to_dict())))
 
 
 def _brief(explanation: Explanation) -> Iterator[str]:

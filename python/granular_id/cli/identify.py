@@ -13,14 +13,15 @@ import typer
 from typer import Argument, Option
 
 from granular_id._core import GranularIdError
-from granular_id._files import MODELS, check_source, write_json
+from granular_id._files import MODELS, check_source
 from granular_id.cli import options as opt
 from granular_id.cli.archive import check_is_archive, say_made, working_on
 from granular_id.cli.outputs import (
     ANSWERS,
-    JSON_FILE,
     PICTURE,
     check_outputs,
+    json_of,
+    numbers,
     print_table,
     show,
     warn_of_setups,
@@ -90,7 +91,7 @@ def identify(
     )
     if hop_s is None:
         opt.refuse({"--figure": figure}, "draws answers over all of a recording, with --hop-s")
-    outputs = ("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), ("--figure", figure, PICTURE)
+    outputs = ("--json", json, json_of("answers")), ("--csv", csv, ANSWERS), ("--figure", figure, PICTURE)
     for path in (model, *paths):
         check_outputs(*outputs, source=path, force=force)
         check_source(path)  # before imports that take longer than a look
@@ -101,7 +102,7 @@ def identify(
     with about(paths[0]):
         if hop_s is None:
             answers = _answer_each(data, identifier, accepted, details=details, quiet=quiet)
-            write_files((json, lambda path: write_json(path, answers.to_dict())), (csv, answers.to_csv))
+            write_files((json, numbers("answers", answers.to_dict)), (csv, answers.to_csv))
             return
         if figure is not None and len(data) > 1:
             raise GranularIdError(
@@ -116,7 +117,7 @@ def identify(
         plot_answers(each[0], data[0], path=path)
 
     write_files(
-        (json, lambda path: write_json(path, {"recordings": [one.to_dict() for one in each]})),
+        (json, numbers("answers", lambda: {"recordings": [one.to_dict() for one in each]})),
         (csv, lambda path: write_csv(path, each)),
         (figure, draw),
     )

@@ -263,7 +263,7 @@ def _keeping(
     from granular_id._files import whole_lines
     from granular_id.recording import Dataset
 
-    n_kept = 0
+    n_kept = n_answers = 0
     with ExitStack() as stack:
         appender = None
         if archive is not None:
@@ -274,9 +274,10 @@ def _keeping(
         answer = None if json is None else stack.enter_context(whole_lines(json))
 
         def keep(push: Push) -> None:
-            nonlocal n_kept
+            nonlocal n_kept, n_answers
             if answer is not None:
-                answer(json_format.dumps(push.to_dict() | about))
+                answer(json_format.dumps({"format": "granular_id.live/1"} | push.to_dict() | about))
+                n_answers += 1
             if appender is not None and push.recording is not None:
                 appender.append(Dataset([push.recording]))
                 n_kept += 1
@@ -286,3 +287,5 @@ def _keeping(
         finally:
             if archive is not None:
                 show(f"kept {counted(n_kept)} in {archive}")
+            if json is not None and n_answers:
+                show(f"wrote {json}, {counted(n_answers, 'answer')}")

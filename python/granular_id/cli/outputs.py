@@ -6,7 +6,7 @@ import re
 import shlex
 import sys
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -17,7 +17,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from granular_id._core import GranularIdError
-from granular_id._files import JSON, MODELS, PAGES, PICTURES, TABLES, check_target
+from granular_id._files import JSON, MODELS, PAGES, PICTURES, TABLES, check_target, write_json
 from granular_id._text import Table
 
 COLUMNS = 80
@@ -100,22 +100,41 @@ def repeated_command() -> str:
 
 
 class Kind(NamedTuple):
-    """A kind of output: what it is called, the endings it may have, and how its files begin (a pattern of bytes)."""
+    """A kind of output: its name, the endings it may have, and a pattern of what only files written here hold."""
 
     name: str
     endings: tuple[str, ...]
-    begins: bytes
+    mark: bytes
 
 
-JSON_FILE = Kind("a JSON file", JSON, rb"\s*[{\[]")
-PAGE = Kind("an HTML page", PAGES, rb"\s*<(!doctype\s+)?html")
-MODEL = Kind("a model", MODELS, rb".{8}\{")
-PREDICTIONS = Kind("a table of predictions", TABLES, rb"space,fold,")
-ANSWERS = Kind("a table of answers", TABLES, rb"recording,(label,margin|from_s,to_s),")
-LIVE_ANSWERS = Kind("a file of live answers", (".jsonl", ".ndjson", *JSON), rb"\s*\{")
-DATA_SET = Kind("a data set", (".npz",), rb"PK")
-PICTURE = Kind("a picture", (), rb"\x89PNG|%PDF|\s*<(\?xml|svg)")
-"""Its ending chooses the format, and so is asked for; matplotlib knows more of them than begin like this."""
+def json_of(name: str) -> Kind:
+    """Return the kind of the JSON files of a command: their first entry is their format."""
+    return Kind(
+        f"a JSON file (granular_id.{name})", JSON, rb'\s*\{\s*"format": "granular_id\.%s/' % name.encode()
+    )
+
+
+def numbers(name: str, content: Callable[[], Mapping[str, object]]) -> Callable[[Path], None]:
+    """Return what writes such a file."""
+    return lambda path: write_json(path, {"format": f"granular_id.{name}/1", **content()})
+
+
+PAGE = Kind("a report", PAGES, rb'<!doctype html>.*<meta name="generator" content="granular_id ')
+MODEL = Kind("a model", MODELS, rb'.{8}\{"__metadata__":\{.*"format":"granular_id\.identifier"')
+PREDICTIONS = Kind("a table of predictions", TABLES, b"space,fold,row,recording,session,label,predicted,")
+ANSWERS = Kind("a table of answers", TABLES, b"recording,(label,margin|from_s,to_s,label),")
+LIVE_ANSWERS = json_of("live")._replace(endings=(".jsonl", ".ndjson", *JSON))
+DATA_SET = Kind(
+    "a data set", (".npz",), rb"PK.{28}format\.npy.*" + re.escape("granular_id".encode("utf-32-le"))
+)
+PICTURE = Kind(
+    "a picture of granular-id",
+    PICTURES,
+    rb"(\x89PNG.*Software\0|%PDF.*/Creator \(|<\?xml.*<dc:title>)granular_id",
+)
+
+_MARKED_BYTES = 1 << 16
+"""At the beginning and at the end of a file: there its mark stands, whatever its size."""
 
 Output = tuple[str, Path | None, Kind]
 """An option, the file that it names, and what will be written there; None is no file."""
@@ -125,30 +144,34 @@ def check_outputs(*outputs: Output, source: Path | None = None, force: bool = Fa
     """Refuse, before any work, outputs that would not be what their name says, or would replace what is there.
 
     These are: what cannot be written, belongs to `source`, which is read, or would be written twice; a name that ends
-    like no file of its kind; a file of another kind, by how it begins; without `force` any file that is not empty.
+    like no file of its kind; a file that no such command has written; without `force` any file that is not empty.
     """
     named = [(name, check_target(path), kind) for name, path, kind in outputs if path is not None]
     if not named:
         return
     _refuse_overlaps([path for _, path, _ in named], source)
     for name, path, kind in named:
-        if kind is PICTURE:
-            from granular_id.plotting import file_format
-
-            file_format(path, name)
-        elif path.suffix.lower() not in kind.endings and re.search("[a-z]", path.suffix.lower()):
-            # rice_0.5 is no kind of file
-            wanted = f"must end in {' or '.join(kind.endings)}, or have no ending"
-            raise GranularIdError(f"{name} writes {kind.name}: it {wanted}, got {path.name!r}")
+        # rice_0.5 is no kind of file; the ending of a picture chooses its format
+        plain = kind is not PICTURE and not re.search("[a-z]", path.suffix.lower())
+        if path.suffix.lower() not in kind.endings and not plain:
+            wanted = " or ".join(kind.endings) + ", or have no ending" * (kind is not PICTURE)
+            raise GranularIdError(f"{name} writes {kind.name}: it must end in {wanted}, got {path.name!r}")
     for name, path, kind in named:
         if not path.exists() or not path.stat().st_size:
             continue
-        known = kind is not PICTURE or path.suffix.lower() in PICTURES
-        with path.open("rb") as stream:
-            if known and not re.match(kind.begins, stream.read(4096), re.IGNORECASE | re.DOTALL):
-                raise GranularIdError(f"{name} {path}: what is there is not {kind.name}; give another name")
+        if not _is_of(kind, path):
+            raise GranularIdError(f"{name} {path}: what is there is not {kind.name}; give another name")
         if not force:
             raise FileExistsError(f"{name} {path}: there is such a file already; add --force to replace it")
+
+
+def _is_of(kind: Kind, path: Path) -> bool:
+    """Whether a file holds the mark of its kind."""
+    with path.open("rb") as stream:
+        held = stream.read(_MARKED_BYTES)
+        stream.seek(max(len(held), path.stat().st_size - _MARKED_BYTES))
+        held += stream.read(_MARKED_BYTES)
+    return re.match(kind.mark, held, re.IGNORECASE | re.DOTALL) is not None
 
 
 def _refuse_overlaps(targets: list[Path], source: Path | None) -> None:

@@ -14,7 +14,7 @@ from typer import Argument, Option
 from granular_id._files import MODELS, check_source
 from granular_id._text import Table, counted, in_columns, short
 from granular_id.cli.options import Details, Force, Recordings
-from granular_id.cli.outputs import COLUMNS, JSON_FILE, check_outputs, print_table, show
+from granular_id.cli.outputs import COLUMNS, check_outputs, json_of, print_table, show
 from granular_id.cli.recordings import read
 
 if TYPE_CHECKING:
@@ -191,7 +191,7 @@ def payload(
 
     - `granular-id setup payload rests -o tool.json`
     """
-    check_outputs(("--output", output, JSON_FILE), source=path, force=force)
+    check_outputs(("--output", output, json_of("payload")), source=path, force=force)
     check_source(path)
     from granular_id.recording import Payload
 

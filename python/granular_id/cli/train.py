@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from granular_id._core import GranularIdError
-from granular_id._files import check_source, write_json
+from granular_id._files import check_source
 from granular_id.cli import options as opt
-from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs, show, write_files
+from granular_id.cli.outputs import MODEL, PICTURE, check_outputs, json_of, numbers, show, write_files
 from granular_id.cli.recordings import read
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def train(
     check_outputs(
         ("--output", output, MODEL),
         ("--figure", figure, PICTURE),
-        ("--json", json, JSON_FILE),
+        ("--json", json, json_of("training")),
         source=path,
         force=force,
     )
@@ -105,8 +105,8 @@ def train(
             plot_over_time(course, path=file)
 
     known = {name: value for name, value in identifier.trained.items() if name != "source"}
-    numbers = {**known, "over_time": None if course is None else course.to_dict()}
-    write_files((figure, draw), (json, lambda file: write_json(file, numbers)))
+    known["over_time"] = None if course is None else course.to_dict()
+    write_files((figure, draw), (json, numbers("training", lambda: known)))
 
 
 def pipeline_of(space: str, rate_hz: float, **settings: Any) -> Pipeline:
@@ -140,7 +140,7 @@ def model(
 
     - `granular-id model kitchen.safetensors --details --json kitchen.json`
     """
-    check_outputs(("--json", json, JSON_FILE), source=file, force=force)
+    check_outputs(("--json", json, json_of("model")), source=file, force=force)
 
     from granular_id.identifier import Identifier, describe_model, describe_performance, model_facts
 
@@ -149,4 +149,4 @@ def model(
     first = [line for line in about if line.startswith(_FIRST)]
     rest = [line for line in about if line not in first]
     print_lines([*first, *performance, *rest], rest="" if details else "--details")
-    write_files((json, lambda target: write_json(target, model_facts(identifier))))
+    write_files((json, numbers("model", lambda: model_facts(identifier))))

@@ -107,8 +107,9 @@ def save(figure: Figure, path: str | os.PathLike[str] | None) -> None:
     if path is None:
         return
     form = file_format(path)
+    made_by = {"Software" if form == "png" else "Creator": "granular_id"}
     with whole_file(path) as draft:
-        figure.savefig(draft, format=form, dpi=150)
+        figure.savefig(draft, format=form, dpi=150, metadata=made_by)
 
 
 def file_format(path: str | os.PathLike[str], name: str = "path") -> str:

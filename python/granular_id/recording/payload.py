@@ -37,7 +37,7 @@ from granular_id.recording.wrench import (
 STANDARD_GRAVITY_M_S2 = 9.80665
 """Standard gravity (CGPM 1901). Directions of any length are given: a kilogram is what weighs so many newton."""
 
-FORMAT = "granular-id payload 1"
+FORMAT = "granular_id.payload/1"
 # Gravity beyond it lies within a cone of some four degrees around one direction, or as close to one line.
 _FEWEST, _MOST_CONDITION = 4, 30.0
 _UNKNOWN = "mass and bias cannot be told apart"

@@ -210,6 +210,7 @@ def tool(tmp_path_factory):
     assert re.search(r"zero of tz +0\.1\d* N m +[\d.e-]+ N m", out)
     assert "condition number" in out
     assert Payload.load(place / "tool.json") == Payload.fit(load(rests), gravity=DOWN)
+    assert "add --force to replace it" in refused("setup", "payload", rests, "-o", place / "tool.json")
     return place / "tool.json"
 
 

@@ -92,18 +92,21 @@ def test_live_names_pushes_and_says_how_many_were_right(model, tmp_path):
 
 def test_file_of_answers_is_replaced_by_force_only(live, tmp_path):
     rows = tmp_path / "answers.jsonl"
-    rows.write_bytes(b"{}\n{}\n")
+    ended_well(*live, "--n", 1, "--quiet", "--json", rows)
+    content = 2 * rows.read_bytes()
+    rows.write_bytes(content)
     line = refused(*live, "--json", rows)
     assert line == f"error: --json {rows}: there is such a file already; add --force to replace it"
-    assert rows.read_bytes() == b"{}\n{}\n"
-    ended_well(*live, "--n", 1, "--quiet", "--json", rows, "--force")
+    assert rows.read_bytes() == content
+    out = ended_well(*live, "--n", 1, "--quiet", "--json", rows, "--force")
+    assert f"wrote {rows}" in " ".join(out.split())
     assert len(rows.read_text(encoding="utf-8").splitlines()) == 1
     for other in (tmp_path / "other.npz", tmp_path / "other.json"):
-        other.write_bytes(b"PK")
+        other.write_bytes(b"{}")
         line = refused(*live, "--json", other, "--force")
         assert line.startswith("error: --json")
         assert other.name in line
-        assert other.read_bytes() == b"PK"
+        assert other.read_bytes() == b"{}"
     model = Path(live[-1])
     before = model.read_bytes()
     assert f"belongs to {model}, which is read" in refused(*live, "--json", model)

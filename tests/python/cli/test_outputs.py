@@ -4,39 +4,44 @@ import hashlib
 
 import pytest
 
-from cli_cases import ended_well, refused
+from cli_cases import ended_well, make, refused, run
 from granular_id.cli.outputs import show
-from granular_id.evaluation.result import CSV_COLUMNS as PREDICTED
-from granular_id.identifier.answers import CSV_COLUMNS as ANSWERED
+from granular_id.io import save
 
-ARCHIVE = b"PK\x03\x04 a data set"
-
-SAME = {
+FOREIGN = {
     ".json": b'{"format": "1"}',
-    ".html": b"<!doctype html>",
+    ".jsonl": b'{"format": "1"}',
+    ".html": b"<!doctype html><html>",
     ".png": b"\x89PNG\r\n",
-    ".safetensors": b"\x02\0\0\0\0\0\0\0{}",
-    "predicted.csv": ",".join(PREDICTED).encode(),
-    "answered.csv": ",".join(ANSWERED).encode(),
+    ".svg": b"<?xml version='1.0'?><svg/>",
+    ".pdf": b"%PDF-1.4",
+    ".safetensors": b'\x02\0\0\0\0\0\0\0{"__metadata__":{"format":"pt"}}',
+    ".csv": b"recording,label\n",
+    ".npz": b"PK\x03\x04 arrays of others",
 }
+"""Files of the same kind that another program has written."""
 
-OUTPUTS = [
-    (("evaluate", "nowhere", "--report"), "r.html"),
-    (("evaluate", "nowhere", "--json"), "r.json"),
-    (("evaluate", "nowhere", "--csv"), "predicted.csv"),
-    (("train", "nowhere", "-o"), "m.safetensors"),
-    (("train", "nowhere", "-o", "m", "--figure"), "f.png"),
-    (("train", "nowhere", "-o", "m", "--json"), "r.json"),
-    (("confidence", "nowhere", "--figure"), "f.png"),
-    (("confidence", "nowhere", "--json"), "r.json"),
-    (("explain", "nowhere", "oat", "rice", "--figure"), "f.png"),
-    (("explain", "nowhere", "oat", "rice", "--json"), "r.json"),
-    (("identify", "nowhere", "recordings", "--json"), "r.json"),
-    (("identify", "nowhere", "recordings", "--csv"), "answered.csv"),
-    (("model", "nowhere", "--json"), "r.json"),
-    (("data", "check", "nowhere", "--json"), "r.json"),
-    (("data", "info", "nowhere", "--json"), "r.json"),
-    (("data", "plot", "nowhere", "-o"), "f.png"),
+WRITTEN = [
+    ("evaluate {small} --spaces hfmh -q", "--report", "r.html"),
+    ("evaluate {small} --spaces hfmh -q", "--json", "r.json"),
+    ("evaluate {small} --spaces hfmh -q", "--csv", "r.csv"),
+    ("train {small} --space hfmh -q", "--output", "m.safetensors"),
+    ("train {small} --space hfmh -q -o m.safetensors", "--figure", "f.png"),
+    ("train {small} --space hfmh -q -o m.safetensors", "--json", "r.json"),
+    ("confidence {small} --space hfmh", "--figure", "f.svg"),
+    ("confidence {small} --space hfmh", "--json", "r.json"),
+    ("explain {small} oat rice --space hfmh", "--figure", "f.pdf"),
+    ("explain {small} oat rice --space hfmh", "--json", "r.json"),
+    ("identify {model} {small} -q", "--json", "r.json"),
+    ("identify {model} {small} -q", "--csv", "r.csv"),
+    ("identify {model} {small} -q --hop-s 0.2", "--csv", "r.csv"),
+    ("adapt {model} {small} --labelled -q", "--output", "m.safetensors"),
+    ("model {model}", "--json", "r.json"),
+    ("data check {small}", "--json", "r.json"),
+    ("data info {small}", "--json", "r.json"),
+    ("data plot {small} -n 1", "--output", "f.png"),
+    ("data convert {small}", "", "x.npz"),
+    ("data synthesize --materials rice --n-per-class 1", "", "x.npz"),
 ]
 
 
@@ -67,55 +72,85 @@ def test_text_too_long_says_what_has_the_rest(capsys):
     assert capsys.readouterr().out.splitlines()[8:] == ["8", "... 21 more lines: --details"]
 
 
-@pytest.mark.parametrize(("words", "name"), OUTPUTS, ids=[" ".join(words) for words, _ in OUTPUTS])
-def test_what_is_there_is_kept_before_anything_is_read(words, name, tmp_path, monkeypatch):
-    pytest.importorskip("matplotlib")
+@pytest.fixture
+def place(folder, model, tmp_path, monkeypatch):
+    """Where commands run, and what they read."""
     monkeypatch.chdir(tmp_path)
+    return {"small": folder, "model": model}
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.parametrize(("typed", "option", "name"), WRITTEN)
+def test_force_replaces_only_what_the_command_wrote(place, tmp_path, typed, option, name):
+    pytest.importorskip("matplotlib")
     there = tmp_path / name
-    option = words[-1].replace("-o", "--output")
-    same = SAME.get(name) or SAME[there.suffix]
-    for file, content, force, said in [
-        ("other.npz", ARCHIVE, (), "must end in "),
-        ("other.npz", ARCHIVE, ("--force",), "must end in "),
-        (name, ARCHIVE, (), "what is there is not "),
-        (name, ARCHIVE, ("--force",), "what is there is not "),
-        (name, same, (), "there is such a file already; add --force to replace it"),
-        (name, same, ("--force",), "nowhere"),
-        (name, b"", (), "nowhere"),  # nothing is lost
+    words = [*typed.format(**place).split(), *filter(None, [option]), name]
+    for content, force, said in [
+        (FOREIGN[there.suffix], (), "what is there is not "),
+        (FOREIGN[there.suffix], ("--force",), "what is there is not "),
+        (b"", (), ""),  # nothing is lost
     ]:
-        path = tmp_path / file
-        path.write_bytes(content)
-        before = digest(path)
-        line = refused(*words, path.name, *force)
-        assert said in line
-        assert said == "nowhere" or option in line
-        assert digest(path) == before
-    assert {path.name for path in tmp_path.iterdir()} == {"other.npz", name}
+        there.write_bytes(content)
+        if said:
+            line = refused(*words, *force)
+            assert f"{option} {name}: {said}".strip() in line
+            assert there.read_bytes() == content
+    result = run(*words)
+    assert result.exit_code == 0, result.output
+    before = digest(there)
+    if "m.safetensors" in words[:-1]:
+        (tmp_path / "m.safetensors").unlink()
+    assert f"{name}: there is such a file already; add --force to replace it" in refused(*words)
+    assert digest(there) == before
+    other = tmp_path / "other.xyz"
+    other.write_bytes(b"x")
+    assert "must end in " in refused(*words[:-1], other.name, "--force") or not option
+
+
+def test_force_reaches_the_file(place, tmp_path):
+    words = ("model", place["model"], "--json", tmp_path / "r.json")
+    ended_well(*words)
+    whole = (tmp_path / "r.json").read_bytes()
+    (tmp_path / "r.json").write_bytes(whole[:100])
+    ended_well(*words, "--force")
+    assert (tmp_path / "r.json").read_bytes() == whole
+
+
+def test_force_keeps_what_others_wrote_into_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "report.html").write_bytes(FOREIGN[".html"])
+    (tmp_path / "holiday.png").write_bytes(FOREIGN[".png"])  # nobody writes this one
+    assert "--output report.html: what is there is not a report" in refused("demo", "-o", ".", "--force")
 
 
 @pytest.mark.parametrize(
-    ("words", "name"), [(("demo", "-o", "."), "report.html"), (("demo", "-o", "."), "result.json")]
+    ("source", "output"),
+    [
+        ("x.npz", "x.npz"),
+        ("x.npz", "../place/x.npz"),
+        ("link.npz", "x.npz"),
+        ("x.npz", "link.npz"),
+        (".", "x.npz"),
+        ("folder link", "x.npz"),
+        ("x", "x"),
+        ("x", "x link"),
+        ("x.parquet", "x.parquet"),
+    ],
 )
-def test_what_lies_in_a_folder_is_kept(words, name, tmp_path, monkeypatch):
-    pytest.importorskip("matplotlib")
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / name).write_bytes(SAME[f".{name.partition('.')[2]}"])
-    (tmp_path / "holiday.png").write_bytes(ARCHIVE)  # nobody writes this one
-    assert f"{words[-2].replace('-o', '--output')} {name}: there is such a file already" in refused(*words)
-    (tmp_path / name).write_bytes(ARCHIVE)
-    assert f"{name}: what is there is not " in refused(*words, "--force")
-
-
-def test_what_commands_write_is_replaced_by_force(folder, tmp_path, no_pictures):
-    outputs = {"--report": "r.html", "--json": "r.json", "--csv": "p.csv"}
-    files = [tmp_path / name for name in outputs.values()]
-    words = ["evaluate", folder, "--spaces", "hfmh", "--quiet"]
-    words += [word for pair in zip(outputs, files, strict=True) for word in pair]
-    ended_well(*words)
-    before = [digest(path) for path in files]
-    assert "--report" in refused(*words)
-    assert [digest(path) for path in files] == before
-    for path in files:
-        path.write_bytes(path.read_bytes()[:100])
-    ended_well(*words, "--force")
-    assert all(path.stat().st_size > 100 for path in files)
+def test_convert_by_force_never_touches_its_source(tmp_path, monkeypatch, source, output):
+    pytest.importorskip("pyarrow")
+    place = tmp_path / "place"
+    place.mkdir()
+    monkeypatch.chdir(place)
+    save(make(2), "x.npz")
+    if source.startswith("x") and not source.endswith(".npz"):
+        (place / "x.npz").unlink()
+        save(make(2), source, "csv" if source == "x" else "parquet")
+    for link, target in (("link.npz", "x.npz"), ("folder link", "."), ("x link", "x")):
+        if link in (source, output):
+            (place / link).symlink_to(target)
+    files = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    line = refused("data", "convert", source, output, "--force")
+    assert "belongs to" in line or "is a folder, --force replaces files only" in line
+    assert {path: path.read_bytes() for path in place.rglob("*") if path.is_file()} == files

@@ -142,8 +142,8 @@ def test_payload_is_stored_whole(payload, tmp_path):
         "",
         "{}",
         '{"format": "granular-id payload 2"}',
-        '{"format": "granular-id payload 1", "mass_kg": -1, "centre_of_mass_m": [0, 0, 0]}',
-        '{"format": "granular-id payload 1", "mass_kg": 1e999, "centre_of_mass_m": [0, 0, 0]}',
+        '{"format": "granular_id.payload/1", "mass_kg": -1, "centre_of_mass_m": [0, 0, 0]}',
+        '{"format": "granular_id.payload/1", "mass_kg": 1e999, "centre_of_mass_m": [0, 0, 0]}',
         "[" * 100_000,
     ],
 )
