@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,7 +15,7 @@ from granular_id._files import RECORDINGS, check_source, whole_file
 from granular_id._text import counted
 from granular_id.cli import options as opt
 from granular_id.cli.outputs import DATA_SET, check_outputs, show
-from granular_id.cli.recordings import read, refuse_uneven, say_step
+from granular_id.cli.recordings import history_of, read, refuse_uneven, say_step
 
 if TYPE_CHECKING:
     from granular_id._checks import FloatArray
@@ -135,19 +136,20 @@ def convert(
         time_unit=time_unit,
         on_error=on_error,
     )
+    said = partial(say_step, rest=history_of(output, {}))
     if split_gap_s is not None:
-        data = say_step(data.split(split_gap_s))
+        data = said(data.split(split_gap_s))
     for made in setup(data):
-        data = say_step(made)
+        data = said(made)
     if resample_hz is not None and any(recording.rate_hz != resample_hz for recording in data):
         limit = None if math.isinf(max_gap_s) else max_gap_s
-        data = say_step(data.resample(resample_hz, max_gap_s=limit, on_gap=on_error))
+        data = said(data.resample(resample_hz, max_gap_s=limit, on_gap=on_error))
     if begin_at == "onset" or tare_s is not None or duration_s is not None or window_s is not None:
         refuse_uneven(data)
     if begin_at == "onset":
-        data = say_step(data.find_onsets(replace=True))
+        data = said(data.find_onsets(replace=True))
     if tare_s is not None:
-        data = say_step((_with_rest(data, tare_s) if on_error == "skip" else data).tare(lead_s=tare_s))
+        data = said((_with_rest(data, tare_s, said) if on_error == "skip" else data).tare(lead_s=tare_s))
     if duration_s is not None:
         cropped = data.align(
             None if seconds else "shortest",
@@ -156,9 +158,9 @@ def convert(
             lead_s=lead_s,
             on_short=on_error,
         )
-        data = say_step(cropped)
+        data = said(cropped)
     if window_s is not None:
-        data = say_step(data.windows(window_s, on_short=on_error))
+        data = said(data.windows(window_s, on_short=on_error))
     _save_checked(data, output)
 
 
@@ -233,7 +235,7 @@ def _rotation(text: str) -> FloatArray | list[float]:
     return matrix
 
 
-def _with_rest(data: Dataset, rest_s: float) -> Dataset:
+def _with_rest(data: Dataset, rest_s: float, said: Callable[[Dataset], Dataset]) -> Dataset:
     """Leave out recordings whose rest is too short, or ends nobody knows where."""
     enough = round(rest_s * data.rate_hz)
     kept = [i for i, one in enumerate(data) if (one.trigger_index or 0) >= enough]
@@ -241,7 +243,7 @@ def _with_rest(data: Dataset, rest_s: float) -> Dataset:
         raise GranularIdError(
             f"none of {counted(len(data))} has {rest_s:g} s of rest before its motion (--tare-s)"
         )
-    return data if len(kept) == len(data) else say_step(data[kept])
+    return data if len(kept) == len(data) else said(data[kept])
 
 
 # Writing.

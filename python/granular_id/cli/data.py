@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer import Option
 
 from granular_id._core import GranularIdError
 from granular_id._files import check_source
+from granular_id._text import counted
 from granular_id.cli import options as opt
 from granular_id.cli.outputs import COLUMNS, PICTURE, check_outputs, json_of, numbers, show, write_files
 from granular_id.cli.recordings import read, say_step
 
-_MOST_LINES = 16
+if TYPE_CHECKING:
+    from granular_id.recording import Dataset
+
+_MOST_LINES, _MOST_UNREADABLE = 16, 8
 
 Drawn = Literal["recordings", "mean", "onset"]
 
@@ -72,11 +77,11 @@ def check(
     force: opt.Force = False,
     details: opt.Details = False,
 ) -> None:
-    """Look recordings over for what would spoil an evaluation, and give each a verdict.
+    """Look recordings over for what would spoil an evaluation; files that cannot be read are named, all others checked.
 
     Rate, jitter, gaps, clipping, stuck axes, outliers, duplicates, and what gives a label away without
     the forces: the clock, the length, the session, the file; and whether frame, sign, tare and payload are the
-    same. Exit code 0 when there is no error, 3 when there is one.
+    same. Exit code 0 when there is no error, 3 when there is one, or a file that cannot be read.
 
     Examples:
 
@@ -87,15 +92,37 @@ def check(
     check_source(path)
     from granular_id.recording import mixed_setup_warnings
 
-    data = read(path, label=label, session=session, axes=axes, units=units, csv=opt.csv_in(csv))
+    given = {"label": label, "session": session, "axes": axes, "units": units, "csv": opt.csv_in(csv)}
+    data, unreadable = _read_what_can_be(path, given)
     report = data.check()
     mixed = mixed_setup_warnings(data)
-    show(report.text(width=COLUMNS), most=None if details else _MOST_LINES)
+    if unreadable:
+        lines = [f"{counted(len(unreadable), 'file')} cannot be read:", *(f"  {line}" for line in unreadable)]
+        show("\n".join(lines), "bold red", most=None if details else _MOST_UNREADABLE)
+    n_lines = _MOST_LINES - _MOST_UNREADABLE * bool(unreadable)
+    show(report.text(width=COLUMNS), most=None if details else n_lines)
     if mixed:
         show("\n".join(mixed), "bold yellow", most=None if details else 3)
-    write_files((json, numbers("check", lambda: {**report.to_dict(), "setup": mixed})))
-    if report.worst == "error":
+    write_files(
+        (json, numbers("check", lambda: {**report.to_dict(), "setup": mixed, "unreadable": unreadable}))
+    )
+    if unreadable or report.worst == "error":
         raise typer.Exit(opt.FOUND_ERRORS)
+
+
+def _read_what_can_be(path: Path, given: dict[str, Any]) -> tuple[Dataset, list[str]]:
+    """Read recordings; return what is wrong with the files that cannot be read, too, where there are others."""
+    try:
+        return read(path, **given), []
+    except GranularIdError as error:
+        if not getattr(error, "skippable", False):
+            raise
+        from granular_id.io import load
+
+        with suppress(GranularIdError):
+            data = load(path, on_error="skip", **given)
+            return data, [row["skipped"] for row in data.history[-1].rows if "skipped" in row]
+        raise
 
 
 def plot(

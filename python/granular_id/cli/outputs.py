@@ -36,7 +36,11 @@ def show(
     for line in text.splitlines() or [""]:
         lines += [line] if len(line) <= width else _broken(line, width)
     if most is not None and len(lines) > most:
-        lines[most - 1 :] = [f"... {len(lines) - most + 1} more lines{rest and f': {rest}'}"]
+        n_more, below = len(lines) - most + 1, list[str]()
+        if len(rest) > width - len(f"... {n_more} more lines: "):
+            below, rest = _broken(rest, width), ""
+        more = f"... {n_more + len(below)} more lines{':' * bool(rest or below)} {rest}".rstrip()
+        lines[most - 1 - len(below) :] = [more, *below]
     console.print(Text("\n".join(lines), style=style), soft_wrap=True)
 
 

@@ -23,8 +23,7 @@ _PAUSE_S = 1.0
 
 _MOST_LINES = 6
 
-_HISTORY = "data info --details"
-"""What prints all of what reading and steps say."""
+_OF_INFO = ("label", "session", "axes", "units", "csv")
 
 
 def read(path: Path, *, prepared: bool = False, quiet: bool = False, **options: Any) -> Dataset:
@@ -49,7 +48,8 @@ def read(path: Path, *, prepared: bool = False, quiet: bool = False, **options: 
     if not quiet:
         lines = [headline(data.recordings), *lines, *noticed_lines(report)]
     if lines:
-        show("\n".join(lines), err=True, most=_MOST_LINES, rest=_HISTORY)
+        given = {name: options[name] for name in _OF_INFO if name in options}
+        show("\n".join(lines), err=True, most=4 if prepared else _MOST_LINES, rest=history_of(path, given))
     return data
 
 
@@ -83,19 +83,33 @@ def way_out(error: Exception, converts: Set[str]) -> str:
     ]
     if path is None or not ways or "on_error" in given:
         return ""
-    typed = [in_both(**{name: value}) for name, value in given.items() if value is not None]
-    words = "".join(f" {text[text.index('(--') + 1 : -1]}" for text in typed)
     others = "".join(f"\nor with {way}" for way in ways[1:])
-    return f":\n{_convert(path)}{words} {ways[0]}{others}"
+    return f":\n{_convert(path)}{_typed(given)} {ways[0]}{others}"
 
 
-def say_step(data: Dataset, *, err: bool = False) -> Dataset:
+def _typed(given: dict[str, Any]) -> str:
+    """Return options of `load` as they are typed."""
+    plain = {
+        name: value if isinstance(value, dict | str) else ",".join(value)
+        for name, value in given.items()
+        if value
+    }
+    words = [in_both(**{name: value}) for name, value in plain.items()]
+    return "".join(f" {text[text.index('(--') + 1 : -1]}" for text in words)
+
+
+def history_of(path: Path, given: dict[str, Any]) -> str:
+    """Return the command that prints all of what reading and steps say of recordings."""
+    return f"granular-id data info {shlex.quote(str(path))}{_typed(given)} --details"
+
+
+def say_step(data: Dataset, *, err: bool = False, rest: str = "") -> Dataset:
     """Say what the last step of a data set did, what it left out before all else; return the data set."""
     from granular_id.recording import skipped_lines
 
     step = data.history[-1]
     first, *others = str(replace(step, rows=())).splitlines()
-    show("\n".join([first, *skipped_lines(step), *others]), err=err, most=_MOST_LINES, rest=_HISTORY)
+    show("\n".join([first, *skipped_lines(step), *others]), err=err, most=_MOST_LINES, rest=rest)
     return data
 
 

@@ -53,6 +53,24 @@ def test_check_exits_with_3_on_errors_only(folder, pushes, tmp_path):
     assert any(finding["severity"] == "error" for finding in written(tmp_path / "check.json")["findings"])
 
 
+def test_check_names_each_unreadable_file_and_goes_on(tmp_path):
+    source = saved(make(), tmp_path / "in")
+    for name in ("oat_03.csv", "oat_05.csv"):
+        (source / "oat" / name).write_text("nonsense\n", encoding="utf-8")
+    result = run("data", "check", source, "--json", tmp_path / "check.json")
+    assert result.exit_code == 3, result.output
+    assert result.stdout.startswith("2 files cannot be read:\n")
+    assert "28 recordings checked" in result.stdout
+    for name, said in zip(
+        ("oat_03.csv", "oat_05.csv"), written(tmp_path / "check.json")["unreadable"], strict=True
+    ):
+        assert name in said
+        assert name in result.stdout
+    for path in source.rglob("*_*.csv"):
+        path.write_text("nonsense\n", encoding="utf-8")
+    assert "nonsense" in refused("data", "check", source)
+
+
 def test_check_says_where_set_ups_differ(pushes, tmp_path):
     data = load(pushes)
     save(Dataset([*data[:4], *data[4:].tare(lead_s=0.1)]), tmp_path / "half.npz")
@@ -135,7 +153,8 @@ def test_recordings_without_onset_or_rest_are_left_out(folder, pushes, tmp_path)
     assert list(load(tmp_path / "t.npz").names) == [one.name for one in others]
 
 
-def test_broken_files_gaps_and_short_ones_are_left_out(tmp_path):
+def test_broken_files_gaps_and_short_ones_are_left_out(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(3)
     hole = recording(rng, 0, 90, jitter=0.5)
     hole = Recording(
@@ -144,7 +163,7 @@ def test_broken_files_gaps_and_short_ones_are_left_out(tmp_path):
     short = recording(rng, 1, 91, samples=30, jitter=0.5)
     source = saved(Dataset([*make(jitter=0.5), hole, short]), tmp_path / "in")
     (source / "oat" / "oat_03.csv").write_text("nonsense\n", encoding="utf-8")
-    words = ("data", "convert", source, tmp_path / "x.npz", "--resample-hz", 100, "--duration-s", 0.4)
+    words = ("data", "convert", "in", "x.npz", "--resample-hz", 100, "--duration-s", 0.4)
     result = run(*words, "--on-error", "skip")
     assert result.exit_code == 0, result.output
     for name in ("oat_90.csv", "rice_91.csv", "oat_03.csv"):

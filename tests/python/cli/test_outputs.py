@@ -70,6 +70,11 @@ def test_command_is_broken_as_it_can_be_typed(capsys):
 def test_text_too_long_says_what_has_the_rest(capsys):
     show("\n".join(map(str, range(30))), most=10)
     assert capsys.readouterr().out.splitlines()[8:] == ["8", "... 21 more lines: --details"]
+    command = f"granular-id data info {'x' * 50} --units rad/s,m/s2 --details"
+    show("\n".join(map(str, range(30))), most=10, rest=command)
+    *lines, first, second = capsys.readouterr().out.splitlines()
+    assert lines[-2:] == ["6", "... 23 more lines:"]
+    assert f"{first.removesuffix(chr(92))}{second.strip()}" == command
 
 
 @pytest.fixture

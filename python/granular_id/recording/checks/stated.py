@@ -105,7 +105,9 @@ def check_gaps(data: Measured) -> Iterator[Finding]:
         )
         long = sum(gap > MAX_GAP_S for gap in gaps.values())
         if long:
-            message += f"; {long} above {MAX_GAP_S:g} s, which resampling refuses: split them (--split-gap-s)"
+            message += (
+                f"; {long} above {MAX_GAP_S:g} s, which resampling refuses: split them (--split-gap-s 1)"
+            )
         yield data.finding("warning", "gaps", message, gaps, longest_s=gaps[worst])
 
 
