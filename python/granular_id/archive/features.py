@@ -106,13 +106,15 @@ def extract(
     >>> bool((features.X == gid.HFMH().fit_transform(data)).all())
     True
     """
-    opened = archive if isinstance(archive, Archive) else Archive(archive)
-    if model is None:
-        spec = _spec_of_space(opened, "hfmh" if space is None else space)
-    elif space is None:
-        spec = _spec_of_model(opened, model, accept)
-    else:
+    if model is not None and space is not None:
         raise argument_error(GranularIdError, "space", "is that of the model: give one of both")
+    if space is not None and not isinstance(space, FeatureSpec) and space not in _SPACES:
+        how = "train a model on some, as in Identifier.fit(data, 'multiband'), and give model= (--model FILE)"
+        known = ", ".join(map(repr, _SPACES))
+        problem = f"={space!r} is none of {known}; for what a space learns from recordings, {how}"
+        raise argument_error(GranularIdError, "space", problem)
+    opened = archive if isinstance(archive, Archive) else Archive(archive)
+    spec = _spec_of_space(opened, space or "hfmh") if model is None else _spec_of_model(opened, model, accept)
     spec.check(opened)
     return run(opened, spec, out, n_jobs=n_jobs, scheduler=scheduler, progress=progress)
 
@@ -210,16 +212,10 @@ def _spec_of_space(archive: Archive, space: str | FeatureSpec) -> FeaturesSpec:
     first, title = archive.index.slice(0, 1).to_pylist()[0], "features of this spec"
     if not isinstance(space, FeatureSpec):
         title = f"{space!r} features"
-        if space not in _SPACES:
-            how = "train a model on some, as in Identifier.fit(data, 'multiband'), and give model= (--model FILE)"
-            known = ", ".join(map(repr, _SPACES))
-            problem = f"={space!r} is none of {known}; for what a space learns from recordings, {how}"
-            raise argument_error(GranularIdError, "space", problem)
         raw, hfmh = (block in space.split("+") for block in ("raw", "hfmh"))
-        rate = (
-            {"rate_hz": first["rate_hz"]} if first["rate_hz"] else {}
-        )  # an irregular one is refused by `check`
-        space = FeatureSpec(raw=raw, hfmh=hfmh, **rate)
+        # one sampled irregularly is refused by `check`
+        rate_hz = first["rate_hz"] or FeatureSpec().rate_hz
+        space = FeatureSpec(raw=raw, hfmh=hfmh, rate_hz=rate_hz)
     n_samples = first["n_samples"] if space.raw else None
     return FeaturesSpec(title, space, archive.axes, space.rate_hz, n_samples)
 

@@ -271,7 +271,7 @@ def extract(
             space,
             model=model,
             progress=not quiet,
-            n_jobs=-1 if jobs is None and scheduler is None else jobs,
+            n_jobs=opt.jobs_of(jobs, scheduler),
             scheduler=scheduler,
         )
     say_made("Features", output, done)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from typer import Option
 
+from granular_id._checks import named
 from granular_id._core import GranularIdError
 from granular_id._files import check_source
 from granular_id.cli import options as opt
@@ -47,17 +48,13 @@ def confidence(
         ("--figure", figure, PICTURE), ("--json", json, json_of("confidence")), source=path, force=force
     )
     check_source(path)  # before imports that take longer than a look
-    data = read(path, prepared=True)
-
     from granular_id.evaluation import confidence_study
     from granular_id.spaces import feature_spaces
 
-    spaces = feature_spaces(rate_hz=data.rate_hz)
-    if space not in spaces:
-        raise GranularIdError(f"--space must be one of {', '.join(spaces)}, got {space!r:.60}")
-    found = confidence_study(
-        data, spaces[space], by=hold_out, levels=shares, share_known=share_known, n_jobs=-1
-    )
+    named(feature_spaces(), "space", space)
+    data = read(path, prepared=True)
+    chosen = feature_spaces(rate_hz=data.rate_hz)[space]
+    found = confidence_study(data, chosen, by=hold_out, levels=shares, share_known=share_known, n_jobs=-1)
     lines = [line for line in found.table().splitlines() if line]  # on one screen
     show("\n".join(lines), "bold yellow" if found.synthetic else "")
 

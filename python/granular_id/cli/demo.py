@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from granular_id._files import made_folder
+from granular_id._progress import showing
 from granular_id.cli.evaluate import print_result, write_report
 from granular_id.cli.options import Force, Seed
-from granular_id.cli.outputs import PAGE, PREDICTIONS, check_outputs, json_of, show, write_files
+from granular_id.cli.outputs import PAGE, PREDICTIONS, ROOM, check_outputs, json_of, show, write_files
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
@@ -19,6 +20,9 @@ PER_CLASS = 20
 """Pushes of each material: with them everything takes well under a minute."""
 
 LIVE_PUSHES, LIVE_SPEED = 3, 5
+
+_BELOW = 5 + LIVE_PUSHES
+"""Lines that name files, and what is answered live."""
 
 
 def demo(
@@ -50,8 +54,9 @@ def demo(
         n = PER_CLASS * len(PAPER_MATERIALS)
         show(f"simulating {n} pushes: SYNTHETIC, to show that the program works", "bold yellow", err=True)
         data = synthesize(n_per_class=PER_CLASS, seed=seed)
-        result = evaluate(data, n_jobs=-1, random_state=seed)
-        print_result(result, details=False, quiet=False)
+        with showing(True) as step:
+            result = evaluate(data, n_jobs=-1, random_state=seed, progress=step or False)
+        print_result(result, details=False, quiet=False, room=ROOM - _BELOW)
         write_files(
             (numbers, result.to_json), (table, result.to_csv), (page, lambda file: write_report(result, file))
         )

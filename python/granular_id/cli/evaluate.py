@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Option
 
+from granular_id._checks import named
 from granular_id._core import GranularIdError
 from granular_id._files import check_source
 from granular_id._text import install
@@ -17,6 +18,7 @@ from granular_id.cli import options as opt
 from granular_id.cli.outputs import (
     PAGE,
     PREDICTIONS,
+    ROOM,
     check_outputs,
     json_of,
     print_table,
@@ -30,8 +32,8 @@ if TYPE_CHECKING:
     from granular_id.evaluation import EvaluationResult
     from granular_id.spaces import FeatureSpace
 
-_MOST_LINES, _ROOM = 5, 16
-"""Of what spoils the figures, and of what deserves mention; of rows and remarks together."""
+_MOST_LINES, _LEAST_ROWS = 5, 3
+"""Of what spoils the figures, and of what deserves mention; of the table."""
 
 
 def evaluate(
@@ -81,8 +83,11 @@ def evaluate(
     - `granular-id evaluate recordings --paper 20,40,10`
     """
     counts = None if paper is None else _counts(paper)
-    given = cutoff_hz is not None or bin_range is not None
-    settings = opt.histogram_settings(cutoff_hz, bin_range) if given else {}
+    if counts is not None and hold_out != "auto":
+        raise GranularIdError(
+            f"--hold-out {hold_out} has no use with --paper, which draws at random: leave one out"
+        )
+    settings = opt.histogram_settings(cutoff_hz, bin_range)
     check_outputs(
         ("--report", report, PAGE),
         ("--json", json, json_of("evaluation")),
@@ -95,26 +100,29 @@ def evaluate(
             if importlib.util.find_spec(module) is None:
                 raise ImportError(f"a report needs {module}: {install('app')}")
     check_source(path)  # before imports that take longer than a look
-    from granular_id.evaluation import evaluate as evaluate_spaces
-
-    names = spaces if spaces is None or spaces in ("paper", "all") else opt.names_in(spaces)
-    if settings and (spaces is not None and spaces not in ("paper", "all") and "hfmh" not in spaces):
+    names = _names_in(spaces)
+    if settings and isinstance(names, list) and not any("hfmh" in name for name in names):
         raise GranularIdError(
             f"--cutoff-hz and --bin-range are about the histogram (hfmh), none of {spaces} has one"
         )
+    from granular_id._progress import showing
+    from granular_id.evaluation import evaluate as evaluate_spaces
+
     data = read(path, prepared=True, quiet=quiet)
-    result = evaluate_spaces(
-        data,
-        _with_settings(names, data.rate_hz, settings) if settings else names,
-        by=hold_out,
-        paper=counts or False,
-        accept=accept or (),
-        n_jobs=-1 if jobs is None else jobs,
-        random_state=seed,
-        progress=not quiet,
-    )
+    with showing(not quiet) as step:
+        result = evaluate_spaces(
+            data,
+            _with_settings(names, data.rate_hz, settings) if settings else names,
+            by=hold_out,
+            paper=counts or False,
+            accept=accept or (),
+            n_jobs=-1 if jobs is None else jobs,
+            random_state=seed,
+            progress=step or False,
+        )
     result = replace(result, command=repeated_command())
-    print_result(result, details=details, quiet=quiet)
+    room = ROOM - sum(file is not None for file in (report, json, csv))
+    print_result(result, details=details, quiet=quiet, room=room)
     write_files(
         (json, result.to_json), (csv, result.to_csv), (report, lambda file: write_report(result, file))
     )
@@ -122,26 +130,38 @@ def evaluate(
         raise typer.Exit(opt.FOUND_ERRORS)
 
 
-def print_result(result: EvaluationResult, *, details: bool, quiet: bool) -> None:
-    """Print one screen: what spoils the figures, the headline, the gap, the table."""
+def print_result(result: EvaluationResult, *, details: bool, quiet: bool, room: int) -> None:
+    """Print on so many lines what spoils the figures, the headline, the gap, the table, and as many remarks as fit."""
     from granular_id.evaluation import accuracy_table, gap_lines, headline, remarks, spoiled_lines
 
     spoiled = spoiled_lines(result)
     if spoiled:
+        room -= show("\n".join(spoiled), "bold red", most=None if details else _MOST_LINES)
         accept = " ".join(f"--accept {one.code}" for one in result.spoiling)
-        most = None if details else _MOST_LINES
-        show("\n".join(spoiled), "bold red", most=most)
-        show(f"where it is known: {accept}", "bold red")
-    show(headline(result), "bold yellow" if result.synthetic else "bold")
-    for line in gap_lines(result):
-        show(line)
+        room -= show(f"where it is known: {accept}", "bold red")
+    room -= show(headline(result), "bold yellow" if result.synthetic else "bold")
+    room -= sum(show(line) for line in gap_lines(result))
     table, notes = accuracy_table(result), remarks(result)
-    print_table(table, strong=result.synthetic, details=details)
-    room = _ROOM - len(table.rows) - 2 * len(table.notes)
+    n_rows = max(_LEAST_ROWS, room - 4 - 2 * len(table.notes))
+    room -= print_table(table, strong=result.synthetic, details=details, most=n_rows)
     if details:
         show(result.details())
     elif notes and not quiet and room > 0:
         show("\n".join(notes), most=min(room, _MOST_LINES))
+
+
+def _names_in(spaces: str | None) -> str | list[str] | None:
+    """Read ``--spaces``."""
+    if spaces is None or spaces in ("paper", "all"):
+        return spaces
+    from granular_id.spaces import feature_spaces
+
+    names = opt.names_in(spaces)
+    for name in names:
+        named(feature_spaces(), "spaces", name)
+    if not names or len(set(names)) < len(names):
+        raise GranularIdError(f"--spaces must name at least one feature space, each once, got {spaces!r}")
+    return names
 
 
 def _with_settings(
@@ -153,11 +173,7 @@ def _with_settings(
 
     known = feature_spaces(rate_hz=rate_hz, **settings)
     every = {None: USUAL_SPACES, "paper": paper_spaces(known), "all": all_spaces(known)}
-    chosen = names if isinstance(names, list) else every[names]
-    for name in chosen:
-        if name not in known:
-            raise GranularIdError(f"--spaces must be among {', '.join(known)}, got {name!r}")
-    return {name: known[name] for name in chosen}
+    return {name: known[name] for name in (names if isinstance(names, list) else every[names])}
 
 
 def write_report(result: EvaluationResult, path: Path) -> None:
@@ -172,6 +188,7 @@ def _counts(text: str) -> tuple[int, int, int]:
     try:
         partitions, train, test = (int(part) for part in text.split(","))
     except ValueError:
-        wanted = "PARTITIONS,TRAIN,TEST such as 20,50,12"
-        raise GranularIdError(f"--paper must be {wanted}, got {text!r}") from None
+        partitions, train, test = 0, 0, 0
+    if min(partitions, train, test) < 1:
+        raise GranularIdError(f"--paper must be PARTITIONS,TRAIN,TEST such as 20,50,12, got {text!r}")
     return partitions, train, test

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
+from granular_id._checks import named
 from granular_id._core import GranularIdError
 from granular_id._files import check_source
 from granular_id._text import in_columns, known_label
@@ -48,6 +49,9 @@ def explain(
         ("--figure", figure, PICTURE), ("--json", json, json_of("explanation")), source=path, force=force
     )
     check_source(path)  # before imports that take longer than a look
+    from granular_id.spaces import feature_spaces
+
+    named(feature_spaces(), "space", space)
     data = read(path, prepared=True)
     first, second = (known_label(name, data.labels) for name in (first, second))
     for name, label in (("FIRST", first), ("SECOND", second)):

@@ -253,7 +253,7 @@ def _answer_archive(
             output,
             accept=accepted,
             progress=not quiet,
-            n_jobs=-1 if jobs is None and scheduler is None else jobs,
+            n_jobs=opt.jobs_of(jobs, scheduler),
             scheduler=scheduler,
         )
     if answers.extraction is not None:

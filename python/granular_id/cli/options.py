@@ -72,7 +72,9 @@ HoldOut = Annotated[
         "session, time, random; or a condition: day, tool, sensor, any entry of the metadata."
     ),
 ]
-CutoffHz = Annotated[float | None, Option(help="High-pass of the histogram (HFMH). Default: 23 Hz.")]
+CutoffHz = Annotated[
+    float | None, Option(callback=POSITIVE, help="High-pass of the histogram (HFMH). Default: 23 Hz.")
+]
 BinRange = Annotated[
     str | None, Option(help="LOW,HIGH of the histogram; auto: of each axis. Default: -1.5,1.5.")
 ]
@@ -130,10 +132,22 @@ def histogram_settings(cutoff_hz: float | None, bin_range: str | None) -> dict[s
     """Return the settings of the histogram that were given, as `granular_id.spaces.feature_spaces` takes them."""
     settings: dict[str, Any] = {} if cutoff_hz is None else {"cutoff_hz": cutoff_hz}
     if bin_range is not None:
-        wanted = "LOW,HIGH such as -1.5,1.5, or auto"
-        auto = bin_range == "auto"
-        settings["bin_range"] = "auto" if auto else tuple(numbers_in("--bin-range", bin_range, wanted, 2))
+        settings["bin_range"] = "auto" if bin_range == "auto" else _range_in(bin_range)
     return settings
+
+
+def _range_in(text: str) -> tuple[float, float]:
+    """Read ``--bin-range``."""
+    wanted = "LOW,HIGH such as -1.5,1.5, or auto"
+    low, high = numbers_in("--bin-range", text, wanted, 2)
+    if not -math.inf < low < high < math.inf:
+        raise GranularIdError(f"--bin-range must be {wanted}, with LOW below HIGH, got {text!r}")
+    return low, high
+
+
+def jobs_of(jobs: int | None, scheduler: str | None) -> int | None:
+    """Return ``n_jobs``: all cores, unless fewer are asked for or the workers of a cluster do the work."""
+    return -1 if jobs is None and scheduler is None else jobs
 
 
 def refuse(options: Mapping[str, object], why: str) -> None:

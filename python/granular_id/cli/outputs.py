@@ -23,13 +23,19 @@ from granular_id._text import Table
 COLUMNS = 80
 """No line is wider, piped or not, unless a single word is."""
 
+ROOM = 20
+"""Of a screen of 24 lines: what is left below the 4 in which a command says what it has read."""
+
 _MOST_ROWS = 12
 
 
 def show(
     text: str, style: str = "", *, err: bool = False, most: int | None = None, rest: str = "--details"
-) -> None:
-    """Print a text without markup, broken between words; of more than `most` lines the first, and what has the rest."""
+) -> int:
+    """Print a text without markup, broken between words; of more than `most` lines the first, and what has the rest.
+
+    Return how many lines it took.
+    """
     console = Console(stderr=err)
     width = min(COLUMNS, console.width)
     lines: list[str] = []
@@ -40,8 +46,9 @@ def show(
         if len(rest) > width - len(f"... {n_more} more lines: "):
             below, rest = _broken(rest, width), ""
         more = f"... {n_more + len(below)} more lines{':' * bool(rest or below)} {rest}".rstrip()
-        lines[most - 1 - len(below) :] = [more, *below]
+        lines[max(1, most - 1 - len(below)) :] = [more, *below]
     console.print(Text("\n".join(lines), style=style), soft_wrap=True)
+    return len(lines)
 
 
 def _broken(line: str, width: int) -> list[str]:
@@ -62,15 +69,18 @@ def warn_of_setups(differences: Iterable[str], *, err: bool = False) -> None:
         show(f"warning: {setup_mismatch(difference)}", "bold yellow", err=err)
 
 
-def print_table(table: Table, *, strong: bool = False, details: bool = True) -> None:
-    """Print one table with its title above and its notes below; without details its first rows only."""
-    n_more = 0 if details else len(table.rows) - _MOST_ROWS
+def print_table(table: Table, *, strong: bool = False, details: bool = True, most: int = _MOST_ROWS) -> int:
+    """Print one table with its title above and its notes below; without details its first rows only.
+
+    Return how many lines it took.
+    """
+    n_more = 0 if details else len(table.rows) - most
     if n_more > 0:
         more = f"... {n_more} more rows: --details"
-        table = replace(table, rows=table.rows[:_MOST_ROWS], notes=(more, *table.notes))
+        table = replace(table, rows=table.rows[:most], notes=(more, *table.notes))
     console = Console(highlight=False)
     console.width = min(COLUMNS, console.width)
-    show(table.title, "bold yellow" if strong else "bold")
+    n_lines = show(table.title, "bold yellow" if strong else "bold")
     if table.rows:
         drawn = RichTable(
             box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 0, 0, 1), header_style="bold"
@@ -81,8 +91,8 @@ def print_table(table: Table, *, strong: bool = False, details: bool = True) -> 
         for row in table.rows:
             drawn.add_row(*(Text(cell) for cell in row))
         console.print(drawn)
-    for note in table.notes:
-        show(note)
+        n_lines += 2 + len(table.rows)
+    return n_lines + sum(show(note) for note in table.notes)
 
 
 def write_files(*outputs: tuple[Path | None, Callable[[Path], object]]) -> None:

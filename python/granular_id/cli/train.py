@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
+from granular_id._checks import named
 from granular_id._core import GranularIdError
 from granular_id._files import check_source
 from granular_id.cli import options as opt
-from granular_id.cli.outputs import MODEL, PICTURE, check_outputs, json_of, numbers, show, write_files
+from granular_id.cli.outputs import MODEL, PICTURE, ROOM, check_outputs, json_of, numbers, show, write_files
 from granular_id.cli.recordings import read
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sklearn.pipeline import Pipeline
-
-_MOST_LINES = 20
 
 _FIRST = ("SYNTHETIC", "materials", "background", "takes")
 """What is said of a model before how well it did."""
@@ -63,8 +63,7 @@ def train(
     from granular_id.identifier import SPACES
 
     settings = opt.histogram_settings(cutoff_hz, bin_range)
-    if space not in SPACES:
-        raise GranularIdError(f"--space must be one of {', '.join(map(repr, SPACES))}, got {space!r:.60}")
+    named(dict.fromkeys(SPACES), "space", space)
     if settings and "hfmh" not in space:
         raise GranularIdError(f"--cutoff-hz and --bin-range are about the histogram (hfmh), {space} has none")
     check_outputs(
@@ -94,7 +93,9 @@ def train(
     if figure is not None and course is None:
         why = identifier.trained["why_no_estimate"]
         raise GranularIdError(f"--figure shows held-out recordings, and there are none: {why}")
-    print_lines(describe_performance(identifier), rest=f"granular-id model {output} --details")
+    room = ROOM - sum(file is not None for file in (output, figure, json))
+    whole = f"granular-id model {shlex.quote(str(output))} --details"
+    print_lines(describe_performance(identifier), rest=whole, most=room)
     identifier.save(output)  # first: what goes wrong with a figure must not cost the training
     show(f"wrote {output}")
 
@@ -115,18 +116,16 @@ def pipeline_of(space: str, rate_hz: float, **settings: Any) -> Pipeline:
     from granular_id.score import space_pipeline
     from granular_id.spaces import feature_spaces
 
-    spaces = feature_spaces(rate_hz=rate_hz, **settings)
-    if space not in spaces:
-        raise GranularIdError(f"--space must be one of {', '.join(spaces)}, got {space!r:.60}")
-    return space_pipeline(spaces[space].transformer, spaces[space].classifier or ECOCClassifier())
+    chosen = named(feature_spaces(rate_hz=rate_hz, **settings), "space", space)
+    return space_pipeline(chosen.transformer, chosen.classifier or ECOCClassifier())
 
 
-def print_lines(lines: Sequence[str], *, rest: str) -> None:
+def print_lines(lines: Sequence[str], *, rest: str, most: int = ROOM) -> None:
     """Print what is known of a model: one screen, and what has the rest, if anything has."""
     if any("SYNTHETIC" in line for line in lines):
         show(lines[0], "bold yellow")
         lines = lines[1:]
-    show("\n".join(lines), most=_MOST_LINES if rest else None, rest=rest)
+    show("\n".join(lines), most=most if rest else None, rest=rest)
 
 
 def model(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from textwrap import wrap
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["TerminalView", "screen"]
 
 _LINE_EVERY_S = 1.0  # of the device: a log that is read later needs no more
+_COLUMNS = 80  # of such a log
 _STYLES = {"none": "white", "provisional": "cyan", "final": "green", "unknown": "yellow", "failed": "red"}
 _NARROW = 64  # below this many columns there is one trace per axis, not two
 
@@ -81,7 +83,8 @@ class TerminalView:
         change = (snapshot.state, snapshot.hint, words.answer[:2], words.warnings)
         if change != self._printed or now_s - self._printed_s >= _LINE_EVERY_S:
             self._printed, self._printed_s = change, now_s
-            self._console.print(_text(words.line), soft_wrap=True)
+            lines = wrap(words.line, _COLUMNS, subsequent_indent="  ", break_long_words=False)
+            self._console.print(Text("\n").join(map(_text, lines)), soft_wrap=True)
 
 
 def screen(snapshot: Snapshot, width: int) -> RenderableType:

@@ -126,7 +126,11 @@ def condition_of(data: Dataset, condition: Any) -> tuple[str, NDArray[np.object_
     ends = [name for name in known if name.rpartition(".")[2] == condition]
     name = condition if condition in known else ends[0] if len(ends) == 1 else None
     if name is None:
-        reason = "the labels are what is told apart" if condition == "label" else "no recording states it"
+        reason = (
+            "the labels are what is told apart"
+            if condition == "label"
+            else (f"no recording states it (a column {condition!r} of index.csv, or an entry of meta)")
+        )
         if any(condition in recording.meta for recording in data):
             within = [name for name in known if name.startswith(f"{condition}.")]
             reason = "it is no single value" + f": take one within it, such as {within[0]!r}" * bool(within)

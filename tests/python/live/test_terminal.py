@@ -81,7 +81,9 @@ def test_view_pipe_gets_a_line_per_change_and_one_a_second():
         view.show(Snapshot("armed", time_s=i / 50, lag_s=0.001))
     view.show(Snapshot("triggered", time_s=2.0))
     view.show(replace(END, time_s=2.1))
-    begins = [line.partition("  |")[0] for line in output.getvalue().splitlines()]
+    lines = output.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    begins = [line.partition("  |")[0] for line in lines if not line.startswith("  ")]
     assert begins[:3] == ["0.000 s  Armed", "1.000 s  Armed", "2.000 s  Listening"]
     assert begins[3].startswith("SYNTHETIC  2.100 s  Done: fine sugar (final, after 3.20 s, margin ")
     assert len(begins) == 4
