@@ -103,13 +103,3 @@ def sources(folder: Path) -> dict[Module, str]:
 @pytest.mark.parametrize("folder", [RUST, RUST / "python"], ids=["core", "binding"])
 def test_no_files_of_rust_import_each_other(folder):
     assert circles(imports(sources(folder))) == []
-
-
-def test_a_circle_by_way_of_a_folder_is_found():
-    files = {
-        (): "mod a;\nmod b;\npub use a::A;",
-        ("a",): "use crate::b::inner::{self, B};",
-        ("b",): "pub use inner::B;",
-        ("b", "inner"): "use crate::A as Other;\n// use super::nothing;",
-    }
-    assert circles(imports(files)) == [["a", "b::inner"]]

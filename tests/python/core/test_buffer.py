@@ -86,16 +86,6 @@ def test_rows_one_by_one_are_the_same_as_a_block():
     assert one.stats()["saturated"] == 100
 
 
-@pytest.mark.parametrize(("rate_hz", "tick_hz"), [(500.0, 1e9), (300.0, 1e9), (7.0, 1000.0)])
-def test_rows_without_time_follow_one_period_apart_without_drift(rate_hz, tick_hz):
-    buffer = WrenchBuffer(5000 / rate_hz, rate_hz=rate_hz, tick_hz=tick_hz)
-    buffer.push(np.zeros(6), 1.0)
-    for n in range(0, 4000, 40):
-        buffer.push_block(np.zeros((40, 6)))
-        assert buffer.latest().ticks[0] == round(tick_hz + (n + 40) * tick_hz / rate_hz)
-    assert buffer.stats()["gaps"] == 0
-
-
 def test_late_rows_wait_are_sorted_or_counted():
     order = [0, 1, 3, 2, 5, 4, 9, 8, 7, 6]
     strict, patient = WrenchBuffer(), WrenchBuffer(reorder_depth=3)
@@ -123,32 +113,11 @@ def test_lag_is_the_time_since_the_newest_row_should_have_come():
     assert 0 <= live.lag_s() < 10
 
 
-def test_time_without_any_begins_at_zero_in_every_epoch():
-    buffer = WrenchBuffer()
-    buffer.push(np.zeros(6), 5.0)
-    buffer.new_epoch()
-    buffer.push(np.zeros(6))
-    assert (buffer.latest().epoch, buffer.latest().time_s[0]) == (1, 0.0)
-    assert buffer.push(np.zeros(6), 100.0)
-    assert buffer.push(np.zeros(6), 98.0), "more than a second back: the device has started again"
-    buffer.push(np.zeros(6))
-    assert (buffer.latest().epoch, buffer.latest().time_s[0]) == (2, 98.002)
-
-
 def test_readers_begin_with_what_comes_or_with_the_oldest_row():
     buffer = WrenchBuffer(0.02)
     buffer.push_block(X, T)
     assert len(buffer.reader().read()) == 0
     np.testing.assert_array_equal(buffer.reader(from_oldest=True).read().time_s, T[90:])
-
-
-def test_blocks_end_at_the_border_of_an_epoch():
-    buffer = filled(3)
-    buffer.new_epoch()
-    buffer.push_block(X[:2], [7.0, 7.5])
-    reader = buffer.reader(from_oldest=True)
-    blocks = [reader.read() for _ in range(3)]
-    assert [(len(block), block.epoch) for block in blocks] == [(3, 0), (2, 1), (0, 1)]
 
 
 def test_windows_with_gaps():

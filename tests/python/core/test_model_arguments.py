@@ -136,7 +136,3 @@ def test_copies_are_equal(copied):
     assert made() != 5
     with pytest.raises(TypeError, match="unhashable"):
         hash(made())
-
-
-def test_repr_tells_the_sizes():
-    assert repr(made()) == "<Model: 2 classes, 1 learners, 3 x 1 samples>"

@@ -6,14 +6,12 @@
 
 import json
 import os
-import random
 import sys
 
 import numpy as np
 import pytest
 
 from core_cases import printed_by
-from effort import cases
 from granular_id._core import MAX_MODEL_FILE_BYTES, FeatureSpec, Model, ModelFileError
 from model_bad_files import BAD, COSTLY, GOOD, LARGE_TEXTS, METADATA, TENSORS, without_raw
 from model_cases import banded_model, framed, put_together, random_model, small_model
@@ -168,21 +166,3 @@ def test_no_file_takes_much_memory(tmp_path):
     for (name, _), (is_model, taken) in zip(files.items(), megabytes, strict=True):
         assert is_model == (name in LARGE_TEXTS), name
         assert taken < MOST_MEGABYTES, name
-
-
-def with_random_damage(rng, data):
-    start, length = rng.randrange(len(data)), rng.randint(1, 8)
-    return data[:start] + rng.randbytes(rng.randint(0, 8)) + data[start + length :]
-
-
-@pytest.mark.parametrize("name", ["everything", "odd numbers", "bands"])
-def test_a_damaged_file_is_noticed(name):
-    """Bits and bytes; the tests in Rust flip every bit of smaller files."""
-    good, rng = MODELS[name].to_bytes(), random.Random(12)
-    for _ in range(cases(500)):
-        flipped = bytearray(good)
-        flipped[rng.randrange(len(good))] ^= 1 << rng.randrange(8)
-        for data in (bytes(flipped), with_random_damage(rng, good)):
-            if data != good:
-                with pytest.raises(ModelFileError):
-                    Model.from_bytes(data)

@@ -104,10 +104,3 @@ def test_losses_are_those_of_the_classifier(loss, coding):
     losses = model.losses(scores)
     np.testing.assert_array_equal(losses, -decode(scores, matrix, loss))
     np.testing.assert_array_equal(model.losses(scores[5]), losses[5:6])
-
-
-def test_the_first_of_equal_classes_wins():
-    model = random_model(9, 3, 2, 1, FeatureSpec(hfmh=False))
-    losses = model.losses(np.zeros((1, 3)))
-    assert losses.argmin() == 0
-    assert len(set(losses[0])) == 1

@@ -178,12 +178,6 @@ def test_pickles_and_compares():
     assert extractor != "extractor"
 
 
-def test_spectrum_of_short_recordings_is_fine_or_absent():
-    finer = [len(twin.spectrum_edges(n)) - 1 > twin.n_octaves(n) for n in range(4, 4000)]
-    assert all(finer[twin.SPECTRUM_SAMPLES - 4 :])
-    assert not finer[twin.SPECTRUM_SAMPLES - 5]
-
-
 def test_recordings_of_zeros_and_constants_have_the_floors():
     extractor = MultiBandExtractor(100, 3)
     silent = extractor.extract(np.zeros((1, 100, 3)))

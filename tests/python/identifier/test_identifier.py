@@ -233,15 +233,6 @@ def test_multiband_features_are_those_of_the_twin(data, new, tmp_path):
     np.testing.assert_allclose(rows @ core.coef.T + core.intercept, identifier.scores(new.X), atol=1e-4)
 
 
-def test_scores_add_up_in_the_order_that_the_file_promises(best, new):
-    core = best.core
-    for x in new.X[:3]:
-        sums = np.zeros(core.n_learners)
-        for weights, value in zip(core.coef.T, core.spec.extract(x), strict=True):
-            sums += weights * value
-        assert np.array_equal(core.intercept + sums, core.scores(x)[0])
-
-
 @pytest.mark.parametrize("size", [1, 7, 80])
 def test_stream_gives_the_bits_of_the_batch(best, new, size):
     stream = StreamingIdentifier(best)
@@ -259,21 +250,6 @@ def test_provisional_answer_is_that_of_the_beginning(best, new):
     stream.push(x[:33])
     wanted = best.core.coef @ best.spec.extract(x[:33]) + best.core.intercept
     np.testing.assert_allclose(stream.core.scores(), wanted, rtol=1e-9, atol=1e-9)
-
-
-def test_windows_of_a_stream_are_recordings(best, new):
-    signal = np.concatenate(new.X[:3])
-    stream = StreamingIdentifier(best, hop=30)
-    taken = windows = 0
-    while taken < len(signal):
-        taken += stream.push(signal[taken : taken + 11])
-        if stream.is_complete:
-            first = stream.core.first_row
-            window = signal[first : first + best.n_samples]
-            assert np.array_equal(stream.core.scores(), best.scores(window)[0])
-            stream.next()
-            windows += 1
-    assert windows == (240 - 80) // 30 + 1
 
 
 def test_blocks_without_weights_are_not_computed(data):
