@@ -60,14 +60,6 @@ def test_short_work_and_work_in_silence_say_nothing(clock, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_lines_come_on_a_terminal_without_rich_too(clock, monkeypatch):
-    screen = Screen()
-    monkeypatch.setattr(sys, "stderr", screen)
-    monkeypatch.setitem(sys.modules, "rich.progress", None)
-    work(clock, 3, 40.0)
-    assert screen.getvalue().splitlines()[0] == "1 of 3, about 80 s left: model 0"
-
-
 def test_bar_long_steps_have_a_time_left(clock, monkeypatch):
     screen = Screen()
     monkeypatch.setattr(sys, "stderr", screen)

@@ -106,19 +106,6 @@ def test_numbers_do_not_depend_on_threads(data, study):
     assert confidence_study(data, "hfmh", n_jobs=2).to_dict() == study.to_dict()
 
 
-@pytest.mark.parametrize(
-    ("interval", "words"),
-    [
-        ((0.01, 0.1), "too sure in new sessions"),
-        ((-0.1, -0.01), "not sure enough in new sessions"),
-        ((-0.01, 0.02), "not shown to be off"),
-        ((np.nan, np.nan), "too few sessions to tell of new ones"),
-    ],
-)
-def test_summary_says_which_way_probabilities_are_off(study, interval, words):
-    assert replace(study.reliability, interval=interval).summary == words
-
-
 def test_table_and_file_hold_every_figure(study, tmp_path):
     sure, text = study.reliability, str(study)
     for words in (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import balanced_accuracy_score, confusion_matrix, recall_score
 
-from evaluation_cases import LABELS, QUIET, make_data
+from evaluation_cases import LABELS, QUIET
 from granular_id.evaluation import (
     accuracy_table,
     confusion_table,
@@ -70,17 +70,6 @@ def test_one_screen_holds_24_lines_of_80_columns(data):
     assert max(map(len, lines)) <= 80
 
 
-@pytest.mark.parametrize("n_sessions", [2, 3])
-def test_headline_states_interval_and_chance(n_sessions):
-    data = make_data(n=12)
-    shared = type(data)([replace(r, session=f"day {k % n_sessions}") for k, r in enumerate(data)])
-    result = evaluate(shared, "raw", **QUIET)
-    low, high = result.interval()
-    interval = "" if n_sessions == 2 else f"95 % interval {100 * low:.0f} to {100 * high:.0f}, "
-    assert np.isnan(low) if n_sessions == 2 else 0 <= low < result.accuracy() < high <= 1
-    assert f"with held-out sessions ({interval}chance 25.0 %)" in " ".join(str(result).split())
-
-
 def test_table_shows_strict_and_random_accuracies_and_the_gap(evaluated):
     table = accuracy_table(evaluated)
     assert table.header == ("space", "held-out sessions", "at random", "gap")
@@ -90,32 +79,6 @@ def test_table_shows_strict_and_random_accuracies_and_the_gap(evaluated):
         assert row == (name, *shares, f"{100 * (drawn - held.accuracy):.1f}")
     assert table.rows[3][0] == "(clock)"
     assert table.notes[0].startswith("(rest) left out: ")
-
-
-def test_worst_materials_are_named_with_their_confusions(evaluated):
-    confusion, recall = evaluated.confusion(), evaluated.recall()
-    k = int(recall.argmin())
-    wrong = confusion[k] * (np.arange(4) != k)
-    first = next(line for line in str(evaluated).splitlines() if line.startswith("worst: "))
-    share = f"{100 * wrong.max() / confusion[k].sum():.0f} %"
-    assert first == f"worst: {LABELS[k]} {100 * recall[k]:.0f} %, taken for {LABELS[wrong.argmax()]} {share}"
-
-
-def test_warnings_keep_their_remedy_and_a_number_its_unit(evaluated):
-    remedy = "keep together what was recorded together (--session file or folder where each is one)"
-    notes = (
-        f"warning: no recording says which session it is from: {remedy}",
-        "warning: meta 'conditions.lift_ratio' alone names 43 % of the labels (chance 24 %)",
-        f"warning: {'many words ' * 60}",
-    )
-    plain = str(replace(evaluated, notes=())).splitlines()
-    lines = str(replace(evaluated, notes=notes)).splitlines()
-    assert remedy in " ".join(line.strip() for line in lines)
-    assert max(map(len, lines)) <= 80
-    assert not any(line.strip().startswith("%") for line in lines)
-    long = str(replace(evaluated, notes=notes[2:] * 2)).splitlines()
-    assert [len(lines), len(long)] == [len(plain) + 4] * 2
-    assert long[-1].endswith(" ... (data check)")
 
 
 # The paper's table.

@@ -236,16 +236,6 @@ def test_damaged_numbers_are_refused(rig_model, elsewhere, name, text):
 # Refused, and warned of.
 
 
-@pytest.mark.parametrize(
-    ("labels", "all_materials", "came"), [(None, False, "neither"), (["rice"] * 50, True, "both")]
-)
-def test_adapt_in_neither_or_both_ways_is_refused(rig_model, elsewhere, labels, all_materials, came):
-    with pytest.raises(
-        ValueError, match=f"needs one of two ways, got {came}: give the labels .* all_materials=True"
-    ):
-        rig_model.adapt(elsewhere, labels, all_materials=all_materials)
-
-
 def test_missing_materials_are_named_and_may_be_accepted(rig_model, elsewhere):
     some = elsewhere[~np.isin(elsewhere.y, ["rice", "macaroni"])]
     with pytest.raises(
@@ -256,13 +246,22 @@ def test_missing_materials_are_named_and_may_be_accepted(rig_model, elsewhere):
     assert "gain nothing: macaroni, rice" in new.trained["adapted"]
 
 
-def test_too_few_recordings_are_refused(rig_model, elsewhere):
-    with pytest.raises(
-        ValueError, match="needs 3 recordings a material in the mean, 15 for 5 materials, got 14"
-    ):
-        to_all(rig_model, elsewhere[:14])
-    with pytest.raises(ValueError, match="needs at least 3 recordings, got 2"):
-        by_labels(rig_model, elsewhere[[0, 10]], allow_missing=True)
+@pytest.mark.parametrize(
+    ("rows", "options", "message"),
+    [
+        (slice(50), {}, "needs one of two ways, got neither: give the labels .* all_materials=True"),
+        (slice(50), {"labels": ["rice"] * 50, "all_materials": True}, "two ways, got both: give the labels"),
+        (slice(14), {"all_materials": True}, "needs 3 recordings a material .* 15 for 5 materials, got 14"),
+        (
+            [0, 10],
+            {"labels": ["rice", "rice"], "allow_missing": True},
+            "needs at least 3 recordings, got 2",
+        ),
+    ],
+)
+def test_adapt_without_a_way_or_recordings_is_refused(rig_model, elsewhere, rows, options, message):
+    with pytest.raises(ValueError, match=message):
+        rig_model.adapt(elsewhere[rows], **options)
 
 
 @pytest.mark.filterwarnings("default")

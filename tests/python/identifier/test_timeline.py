@@ -91,15 +91,6 @@ def test_stretches_are_answers_in_a_row_that_say_the_same(labels, unknown, sente
     assert str(answers) == f"drive: {sentence}"
 
 
-def test_many_stretches_are_cut_in_words_and_in_the_table():
-    answers = made(["rice", "oat"] * 30)
-    assert answers.sentence().endswith("5.0 to 6.0 s rice, and 55 more")
-    table = answers.table()
-    assert len(table.rows) == 40
-    assert table.notes[0].startswith("and 20 more: ")
-    assert len(answers.to_dict()["stretches"]) == 60
-
-
 def test_the_table_says_what_the_answers_are_worth():
     answers = made(
         ["rice", "rice", "oat"],

@@ -223,17 +223,6 @@ def test_best_fitted_again_or_pickled_gives_the_same_numbers(rows):
     np.testing.assert_array_equal(copy.predict(X), one.predict(X))
 
 
-def test_what_was_chosen_is_shown(chosen):
-    text = str(chosen.choice_)
-    assert "chosen on 4 folds of whole sessions" in text
-    assert text.count("\n> ") == len(chosen.choice_.chosen) + 1  # and the line that explains the mark
-    assert "without level, whitened 0.001, C 10" in text
-    plain = json.loads(json.dumps(chosen.choice_.to_dict(), allow_nan=False))
-    assert plain["held_out"] == "sessions"
-    assert len(plain["machines"]) == 12
-    assert plain["machines"][0]["blocks"] == ["left", "right"]
-
-
 def test_folds_are_the_strictest_that_there_are():
     def folds_of(codes, sessions, order, n_folds):
         return choice_folds(codes, checked_groups(len(codes), sessions, order), n_folds=n_folds, seed=0)

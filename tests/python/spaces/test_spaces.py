@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
 
-from granular_id.features import extract_features, feature_names
+from granular_id.features import extract_features
 from granular_id.spaces import (
     HFMH,
     MultiBand,
@@ -196,10 +196,6 @@ def test_names_say_what_a_column_is_in_order(name, count, some):
     assert len(names) == count
     assert places == sorted(places)
     assert (places[0], places[-1]) == (0, count - 1)
-
-
-def test_names_of_raw_hfmh_are_those_of_the_extraction():
-    assert RawHFMH().fit(data_set(n=2)).get_feature_names_out().tolist() == feature_names(n_samples=300)
 
 
 # --- Filters
