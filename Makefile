@@ -77,7 +77,7 @@ RUSTDOC := RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps
 
 rust-lint: | toolchain
 	$(call step,rustfmt,cargo fmt --all --check && cargo fmt --check --manifest-path tests/fuzz/Cargo.toml)
-	$(call step,clippy,cargo clippy --quiet --workspace --all-targets -- -D warnings)
+	$(call step,clippy,cargo clippy --quiet --package granular-id --package granular-id-python --all-targets -- -D warnings)
 	$(call step,rustdoc,$(RUSTDOC))
 
 rust-test: | toolchain
@@ -250,8 +250,9 @@ nightly-arm64: | toolchain
 
 FEATURES = $(shell sed -n '/^\[features\]/,/^$$/s/^\([a-z-]*\) = .*/\1/p' Cargo.toml)
 
-##   lints         clippy of each feature alone and of the fuzz targets
+##   lints         clippy of each feature alone, of the benches and of the fuzz targets
 nightly-lints: | toolchain
+	cargo clippy --quiet --package granular-id-benches --all-targets -- -D warnings
 	for feature in "" $(FEATURES); do cargo clippy --quiet --lib --no-default-features --features "$$feature" -- -D warnings || exit; done
 	cargo clippy --quiet --manifest-path tests/fuzz/Cargo.toml --no-default-features --target-dir target -- -D warnings
 
