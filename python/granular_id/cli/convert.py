@@ -26,6 +26,8 @@ STEPS, SETUP = "Steps, in this order", "Another set-up, before the steps"
 Begin = Literal["first", "trigger", "onset"]
 TimeUnit = Literal["s", "ms", "us", "ns", "sample"]
 
+_TURN = "NAME=roll,pitch,yaw in degrees, or a quaternion NAME=x,y,z,w"
+
 MAX_GAP_S = 0.25
 """Default of ``--max-gap-s``, as of `Dataset.resample`."""
 
@@ -66,16 +68,13 @@ def convert(
         str | None, Option(rich_help_panel=SETUP, help="Where it points: x,y,z. Default: what metadata say.")
     ] = None,
     flip: Annotated[str, Option(rich_help_panel=SETUP, help="Axes that a driver mirrors: fx,tx.")] = "",
-    rotate: Annotated[
+    frame: Annotated[
         str | None,
         Option(
             rich_help_panel=SETUP,
-            help="Turn into the frame of --frame: roll,pitch,yaw in degrees about fixed axes, or a quaternion x,y,z,w; "
-            "as tf gives it for (new frame, old frame).",
+            help="NAME=roll,pitch,yaw turns into another frame, in degrees about fixed axes, or a quaternion x,y,z,w; as "
+            "tf gives it for (new frame, old frame). NAME alone names the frame, which models compare.",
         ),
-    ] = None,
-    frame: Annotated[
-        str | None, Option(rich_help_panel=SETUP, help="Name of the new frame, which models compare.")
     ] = None,
     resample_hz: Annotated[
         float | None, Option(rich_help_panel=STEPS, callback=opt.POSITIVE, help="Bring all to one rate.")
@@ -114,12 +113,12 @@ def convert(
     - `granular-id data convert bags pushes.npz --resample-hz 500 --begin-at onset --lead-s 0.1 --duration-s 3.2`
     - `granular-id data convert export pushes.npz --csv skiprows=7 --recorded-hz 500`
     - `granular-id data convert log.csv pushes.npz --split-gap-s 1 --resample-hz 500`
-    - `granular-id data convert today turned.npz --compensate tool.json --gravity 0,0,1 --rotate 0,0,90 --frame flange`
+    - `granular-id data convert today turned.npz --compensate tool.json --gravity 0,0,1 --frame flange=0,0,90`
     """
     _refuse_alone(begin_at, duration_s is not None, tare_s, lead_s, resample_hz, max_gap_s)
     seconds = None if duration_s in (None, "shortest") else _seconds(duration_s)
     check_save(output, source=path, force=force)
-    setup, of_csv = _other_setup(compensate, gravity, flip, rotate, frame), opt.csv_in(csv)
+    setup, of_csv = _other_setup(compensate, gravity, flip, frame), opt.csv_in(csv)
     check_source(path)
     data = read(
         path,
@@ -195,15 +194,16 @@ def _seconds(text: str | None) -> float:
 
 
 def _other_setup(
-    compensate: Path | None, gravity: str | None, flip: str, rotate: str | None, frame: str | None
+    compensate: Path | None, gravity: str | None, flip: str, frame: str | None
 ) -> Callable[[Dataset], Iterator[Dataset]]:
     """Return what takes a payload off and turns, with all files and texts read."""
     if gravity is not None and compensate is None:
         raise GranularIdError("--gravity says in which direction a payload weighs: add --compensate")
-    if rotate is not None and frame is None:
-        raise GranularIdError("--rotate makes another frame: add --frame with its name")
     down = None if gravity is None else opt.numbers_in("--gravity", gravity, "x,y,z", 3)
-    turn = None if rotate is None else _rotation(rotate)
+    name, equals, angles = (frame or "").partition("=")
+    if frame is not None and (not name or (equals and not angles)):
+        raise GranularIdError(f"--frame must be NAME, or {_TURN}, got {frame!r}")
+    turn = _rotation(angles) if angles else None
     payload = None
     if compensate is not None:
         from granular_id.recording import Payload
@@ -215,19 +215,18 @@ def _other_setup(
             data = data.compensate(payload, down)
             yield data
         if flip or frame is not None:
-            yield data.transform(turn, frame=frame, flip=opt.names_in(flip))
+            yield data.transform(turn, frame=name or None, flip=opt.names_in(flip))
 
     return steps
 
 
 def _rotation(text: str) -> FloatArray | list[float]:
-    """Read ``--rotate``: a matrix, or a quaternion."""
-    wanted = "roll,pitch,yaw in degrees or a quaternion x,y,z,w"
-    turn = opt.numbers_in("--rotate", text, wanted)
+    """Read the rotation in ``--frame``: a matrix, or a quaternion."""
+    turn = opt.numbers_in("--frame", text, _TURN)
     if len(turn) == 4:
         return turn
     if len(turn) != 3:
-        raise GranularIdError(f"--rotate must be {wanted}, got {text!r}")
+        raise GranularIdError(f"--frame must be {_TURN}, got {text!r}")
     from scipy.spatial.transform import Rotation
 
     # right angles only change places and signs

@@ -165,8 +165,8 @@ def _follows(training: Dataset, now: Dataset) -> dict[str, str]:
 _WAYS_OUT = {
     "rate": "data convert --resample-hz",
     "axes": "data convert --axes, --units",
-    "frame": "data convert --rotate ... --frame, or where only the name is another add --accept frame",
-    "transform": "data convert --rotate ... --frame, and add --accept transform",
+    "frame": "data convert --frame NAME=roll,pitch,yaw, or where only the name is another add --accept frame",
+    "transform": "data convert --frame NAME=roll,pitch,yaw, and add --accept transform",
     "sign": "Dataset.transform(flip=..., sign=...), or where only the words are others add --accept sign",
     "tare": "data convert --tare-s takes the rest before the motion off both",
 }

@@ -248,7 +248,7 @@ def test_one_pose_is_refused_with_the_way_out(tmp_path):
 def test_convert_takes_a_payload_off_and_turns(pushes, tool, tmp_path):
     there, new = tmp_path / "there.npz", tmp_path / "new.npz"
     ended_well("data", "convert", pushes, there, "--frame", "flange")
-    words = ("--compensate", tool, "--gravity", "0,0,1", "--rotate", "0,0,90", "--frame", "tool")
+    words = ("--compensate", tool, "--gravity", "0,0,1", "--frame", "tool=0,0,90")
     ended_well("data", "convert", there, new, *words)
     expected = load(pushes).transform(frame="flange").compensate(Payload.load(tool), [0, 0, 1])
     expected = expected.transform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], frame="tool")
@@ -256,16 +256,14 @@ def test_convert_takes_a_payload_off_and_turns(pushes, tool, tmp_path):
     assert load(new)[0].meta == expected[0].meta
     line = refused("data", "convert", pushes, new, "--compensate", tool, "--force")
     assert "gravity must be given" in line
-    ended_well(
-        "data", "convert", new, there, "--rotate", "0,0,0,1", "--frame", "same", "--flip", "fx,tx", "--force"
-    )
+    ended_well("data", "convert", new, there, "--frame", "same=0,0,0,1", "--flip", "fx,tx", "--force")
     assert (load(there).X == load(new).transform(flip=("fx", "tx")).X).all()
 
 
 def test_right_angles_there_and_back_change_no_bit(pushes, tmp_path):
     there, back = tmp_path / "there.npz", tmp_path / "back.npz"
-    ended_well("data", "convert", pushes, there, "--rotate", "0,-90,0", "--frame", "turned")
-    ended_well("data", "convert", there, back, "--rotate", "0,90,0", "--frame", "flange")
+    ended_well("data", "convert", pushes, there, "--frame", "turned=0,-90,0")
+    ended_well("data", "convert", there, back, "--frame", "flange=0,90,0")
     assert (load(back).X == load(pushes).X).all()
     assert not (load(there).X == load(pushes).X).all()
 

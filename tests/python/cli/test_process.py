@@ -83,35 +83,27 @@ def test_missing_extra_is_named():
     assert lines[3].startswith("raw names ")
 
 
-def test_ctrl_c_while_a_model_is_trained_leaves_no_file(tmp_path):
+@pytest.mark.parametrize(
+    ("words", "begins"),
+    [
+        ("train x.npz -o out/m", "220 recordings, 11 materials"),
+        ("demo -o out/new/demo", "simulating 220 pushes: SYNTHETIC"),
+    ],
+)
+def test_ctrl_c_leaves_neither_files_nor_folders(tmp_path, monkeypatch, words, begins):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
     save(synthesize(n_per_class=20, duration_s=1.0), tmp_path / "x.npz")
-    output = tmp_path / "out"
-    output.mkdir()
-    words = ("train", tmp_path / "x.npz", "-o", output / "m")
-    with started(*words) as running:
+    with started(*words.split(), stdout=subprocess.DEVNULL) as running:
         try:
-            assert running.stderr.readline().startswith("220 recordings, 11 materials")
-            running.send_signal(signal.SIGINT)
-            _, errors = running.communicate(timeout=30)
-        finally:
-            running.kill()
-    assert running.returncode == 130
-    assert errors.endswith("Interrupted: no file was left half-written.\n")
-    assert list(output.iterdir()) == []
-
-
-def test_ctrl_c_in_the_demo_leaves_no_empty_folder(tmp_path):
-    words = ("demo", "-o", tmp_path / "new" / "demo")
-    with started(*words, stdout=subprocess.DEVNULL) as running:
-        try:
-            assert running.stderr.readline().startswith("simulating 220 pushes: SYNTHETIC")
+            assert running.stderr.readline().startswith(begins)
             running.send_signal(signal.SIGINT)
             _, errors = running.communicate(timeout=30)
         finally:
             running.kill()
     assert running.returncode == 130
     assert errors.splitlines()[-1] == "Interrupted: no file was left half-written."
-    assert list(tmp_path.iterdir()) == []
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 # -- on a terminal
