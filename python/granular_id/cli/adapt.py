@@ -57,8 +57,7 @@ def adapt(
             f"--output {output} is MODEL itself: give the new model another name, or add --force to replace MODEL"
         )
     check_outputs(("--output", output, MODEL), source=path, force=force)
-    for source in (model, path):
-        check_source(source)  # before imports that take longer than a look
+    check_source(model)
 
     from granular_id.identifier import Identifier, synthetic_words
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from typer import Option
 
 from granular_id._checks import named
 from granular_id._core import GranularIdError
-from granular_id._files import check_source
 from granular_id.cli import options as opt
-from granular_id.cli.outputs import PICTURE, check_outputs, json_of, show, write_files
+from granular_id.cli.outputs import PICTURE, check_outputs, drawing, json_of, show, write_files
 from granular_id.cli.recordings import read
 
 
@@ -47,7 +45,6 @@ def confidence(
     check_outputs(
         ("--figure", figure, PICTURE), ("--json", json, json_of("confidence")), source=path, force=force
     )
-    check_source(path)  # before imports that take longer than a look
     from granular_id.evaluation import confidence_study
     from granular_id.spaces import feature_spaces
 
@@ -57,10 +54,4 @@ def confidence(
     found = confidence_study(data, chosen, by=hold_out, levels=shares, share_known=share_known, n_jobs=-1)
     lines = [line for line in found.table().splitlines() if line]  # on one screen
     show("\n".join(lines), "bold yellow" if found.synthetic else "")
-
-    def draw(file: Path) -> None:
-        from granular_id.plotting import plot_confidence
-
-        plot_confidence(found, path=file)
-
-    write_files((figure, draw), (json, found.save))
+    write_files((figure, drawing("plot_confidence", found)), (json, found.save))

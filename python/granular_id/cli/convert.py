@@ -72,8 +72,8 @@ def convert(
         str | None,
         Option(
             rich_help_panel=SETUP,
-            help="NAME=roll,pitch,yaw turns into another frame, in degrees about fixed axes, or a quaternion x,y,z,w; as "
-            "tf gives it for (new frame, old frame). NAME alone names the frame, which models compare.",
+            help="NAME=roll,pitch,yaw turns into another frame, in degrees about fixed axes, or a quaternion x,y,z,w; "
+            "as tf gives it for (new frame, old frame). NAME alone names the frame, which models compare.",
         ),
     ] = None,
     resample_hz: Annotated[

@@ -10,7 +10,6 @@ import typer
 from typer import Option
 
 from granular_id._core import GranularIdError
-from granular_id._files import check_source
 from granular_id._text import counted
 from granular_id.cli import options as opt
 from granular_id.cli.outputs import COLUMNS, PICTURE, check_outputs, json_of, numbers, show, write_files
@@ -45,7 +44,6 @@ def info(
     - `granular-id data info drives --axes wx,wy,wz,ax,ay,az --units rad/s,m/s2`
     """
     check_outputs(("--json", json, json_of("info")), source=path, force=force)
-    check_source(path)
     from granular_id.recording import axes_in_words
 
     data = read(path, label=label, session=session, axes=axes, units=units, csv=opt.csv_in(csv))
@@ -89,7 +87,6 @@ def check(
     - `granular-id data check recordings --json check.json`
     """
     check_outputs(("--json", json, json_of("check")), source=path, force=force)
-    check_source(path)
     from granular_id.recording import mixed_setup_warnings
 
     given = {"label": label, "session": session, "axes": axes, "units": units, "csv": opt.csv_in(csv)}
@@ -155,7 +152,6 @@ def plot(
     if n is not None and what == "mean":
         raise GranularIdError("-n does not go with --what mean, which is made of all recordings")
     check_outputs(("--output", output, PICTURE), source=path, force=force)
-    check_source(path)
     from granular_id import plotting
 
     data = read(

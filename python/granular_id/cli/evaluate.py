@@ -12,7 +12,6 @@ from typer import Option
 
 from granular_id._checks import named
 from granular_id._core import GranularIdError
-from granular_id._files import check_source
 from granular_id._text import install
 from granular_id.cli import options as opt
 from granular_id.cli.outputs import (
@@ -99,7 +98,6 @@ def evaluate(
         for module in ("matplotlib", "jinja2"):
             if importlib.util.find_spec(module) is None:
                 raise ImportError(f"a report needs {module}: {install('app')}")
-    check_source(path)  # before imports that take longer than a look
     names = _names_in(spaces)
     if settings and isinstance(names, list) and not any("hfmh" in name for name in names):
         raise GranularIdError(

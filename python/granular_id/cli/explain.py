@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from typer import Argument
 
 from granular_id._checks import named
 from granular_id._core import GranularIdError
-from granular_id._files import check_source
-from granular_id._text import in_columns, known_label
+from granular_id._text import known_label
 from granular_id.cli import options as opt
-from granular_id.cli.outputs import PICTURE, check_outputs, json_of, numbers, show, write_files
+from granular_id.cli.outputs import PICTURE, check_outputs, drawing, json_of, numbers, show, write_files
 from granular_id.cli.recordings import read
 from granular_id.cli.train import pipeline_of
 
-if TYPE_CHECKING:
-    from granular_id.explanation import Explanation
-
-_STRONGEST = 3
+_MOST_LINES = 14
 
 
 def explain(
@@ -48,7 +42,6 @@ def explain(
     check_outputs(
         ("--figure", figure, PICTURE), ("--json", json, json_of("explanation")), source=path, force=force
     )
-    check_source(path)  # before imports that take longer than a look
     from granular_id.spaces import feature_spaces
 
     named(feature_spaces(), "space", space)
@@ -65,34 +58,9 @@ def explain(
     from granular_id.explanation import explain_held_out
 
     explanation, model, split = explain_held_out(data, pipeline_of(space, data.rate_hz), first, second)
-    show(str(explanation) if details else "\n".join(_brief(explanation)))
+    show(str(explanation), most=None if details else _MOST_LINES)
     show(f"{space}: {model}; explained on recordings held out: {split['held_out']}", most=4)
-
-    def draw(file: Path) -> None:
-        from granular_id.plotting import plot_explanation
-
-        title = f"{space}, explained on {split['folds']}"
-        title += ", SYNTHETIC recordings" if data.is_synthetic else ""
-        plot_explanation(explanation, title=title, path=file)
-
+    title = f"{space}, explained on {split['folds']}" + ", SYNTHETIC recordings" * data.is_synthetic
     about = {"space": space, "model": model, "split": split}
+    draw = drawing("plot_explanation", explanation, title=title)
     write_files((figure, draw), (json, numbers("explanation", lambda: about | explanation.to_dict())))
-
-
-def _brief(explanation: Explanation) -> Iterator[str]:
-    """Say the scores, the contributions of blocks and axes, and the strongest bands and stretches of time."""
-    named = zip((explanation.first, explanation.second), explanation.scores, explanation.counts, strict=True)
-    yield "; ".join(f"{label}: mean score {score:+.3g} of {count}" for label, score, count in named)
-    yield f"contributions, in {explanation.scale()[1]}:"
-    tables = explanation.tables()
-    rows = [["", *explanation.columns.axes, "sum"]]
-    for name, row in [*tables["block"].items(), ("sum", explanation.sums("axis"))]:
-        rows.append([name, *map(explanation.shown, (*row.values(), sum(row.values())))])
-    yield from in_columns(rows, right=True)
-    for by in ("band", "time"):
-        if by in tables:
-            sums = {
-                name: sum(row.values()) for name, row in tables[by].items() if name not in tables["block"]
-            }
-            most = sorted(sums, key=sums.__getitem__, reverse=True)[:_STRONGEST]
-            yield f"most by {by}: {', '.join(f'{name} {explanation.shown(sums[name])}' for name in most)}"

@@ -20,6 +20,7 @@ from granular_id.cli.outputs import (
     ANSWERS,
     PICTURE,
     check_outputs,
+    drawing,
     json_of,
     numbers,
     print_table,
@@ -94,7 +95,6 @@ def identify(
     outputs = ("--json", json, json_of("answers")), ("--csv", csv, ANSWERS), ("--figure", figure, PICTURE)
     for path in (model, *paths):
         check_outputs(*outputs, source=path, force=force)
-        check_source(path)  # before imports that take longer than a look
     from granular_id.identifier import Identifier, write_csv
 
     identifier = Identifier.load(model)
@@ -110,16 +110,10 @@ def identify(
             )
         each = [identifier.predict_over(one, hop_s, accept=accepted) for one in data]
     _print_over(each, details=details, quiet=quiet)
-
-    def draw(path: Path) -> None:
-        from granular_id.plotting import plot_answers
-
-        plot_answers(each[0], data[0], path=path)
-
     write_files(
         (json, numbers("answers", lambda: {"recordings": [one.to_dict() for one in each]})),
         (csv, lambda path: write_csv(path, each)),
-        (figure, draw),
+        (figure, drawing("plot_answers", each[0], data[0])),
     )
 
 

@@ -133,7 +133,6 @@ def live(
     if not view:
         opt.refuse({"--no-browser": no_browser}, "is about the page of --view")
     check_outputs(("--json", json, LIVE_ANSWERS), source=model, force=force)
-    check_source(model)
 
     from granular_id.identifier import Identifier
     from granular_id.live import HopIdentifier, LiveIdentifier, Views, opened, setup_of

@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from rich import box
 from rich.console import Console
@@ -17,7 +17,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from granular_id._core import GranularIdError
-from granular_id._files import JSON, MODELS, PAGES, PICTURES, TABLES, check_target, write_json
+from granular_id._files import JSON, MODELS, PAGES, PICTURES, TABLES, check_source, check_target, write_json
 from granular_id._text import Table
 
 COLUMNS = 80
@@ -103,6 +103,17 @@ def write_files(*outputs: tuple[Path | None, Callable[[Path], object]]) -> None:
             show(f"wrote {path}")
 
 
+def drawing(name: str, *given: Any, **options: Any) -> Callable[[Path], None]:
+    """Return what draws a figure into a file, with a function of `granular_id.plotting`, slow to import."""
+
+    def draw(path: Path) -> None:
+        from granular_id import plotting
+
+        getattr(plotting, name)(*given, path=path, **options)
+
+    return draw
+
+
 def repeated_command() -> str:
     """Return what to type to repeat this run, by the name under which the program was started."""
     started = Path(sys.argv[0]).name
@@ -155,14 +166,12 @@ Output = tuple[str, Path | None, Kind]
 
 
 def check_outputs(*outputs: Output, source: Path | None = None, force: bool = False) -> None:
-    """Refuse, before any work, outputs that would not be what their name says, or would replace what is there.
+    """Refuse, before any work, a `source` that is not there, and outputs that are not what they say, or not to be lost.
 
     These are: what cannot be written, belongs to `source`, which is read, or would be written twice; a name that ends
     like no file of its kind; a file that no such command has written; without `force` any file that is not empty.
     """
     named = [(name, check_target(path), kind) for name, path, kind in outputs if path is not None]
-    if not named:
-        return
     _refuse_overlaps([path for _, path, _ in named], source)
     for name, path, kind in named:
         # rice_0.5 is no kind of file; the ending of a picture chooses its format
@@ -177,6 +186,8 @@ def check_outputs(*outputs: Output, source: Path | None = None, force: bool = Fa
             raise GranularIdError(f"{name} {path}: what is there is not {kind.name}; give another name")
         if not force:
             raise FileExistsError(f"{name} {path}: there is such a file already; add --force to replace it")
+    if source is not None:
+        check_source(source)
 
 
 def _is_of(kind: Kind, path: Path) -> bool:

@@ -192,7 +192,6 @@ def payload(
     - `granular-id setup payload rests -o tool.json`
     """
     check_outputs(("--output", output, json_of("payload")), source=path, force=force)
-    check_source(path)
     from granular_id.recording import Payload
 
     found = Payload.fit(read(path))

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import shlex
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
 from granular_id._checks import named
 from granular_id._core import GranularIdError
-from granular_id._files import check_source
 from granular_id.cli import options as opt
-from granular_id.cli.outputs import MODEL, PICTURE, ROOM, check_outputs, json_of, numbers, show, write_files
+from granular_id.cli.outputs import (
+    MODEL,
+    PICTURE,
+    ROOM,
+    check_outputs,
+    drawing,
+    json_of,
+    numbers,
+    show,
+    write_files,
+)
 from granular_id.cli.recordings import read
 
 if TYPE_CHECKING:
@@ -73,7 +81,6 @@ def train(
         source=path,
         force=force,
     )
-    check_source(path)  # before imports that take longer than a look
     data = read(path, prepared=True, quiet=quiet)
 
     from granular_id.identifier import Identifier, describe_performance
@@ -98,16 +105,9 @@ def train(
     print_lines(describe_performance(identifier), rest=whole, most=room)
     identifier.save(output)  # first: what goes wrong with a figure must not cost the training
     show(f"wrote {output}")
-
-    def draw(file: Path) -> None:
-        from granular_id.plotting import plot_over_time
-
-        if course is not None:
-            plot_over_time(course, path=file)
-
     known = {name: value for name, value in identifier.trained.items() if name != "source"}
     known["over_time"] = None if course is None else course.to_dict()
-    write_files((figure, draw), (json, numbers("training", lambda: known)))
+    write_files((figure, drawing("plot_over_time", course)), (json, numbers("training", lambda: known)))
 
 
 def pipeline_of(space: str, rate_hz: float, **settings: Any) -> Pipeline:

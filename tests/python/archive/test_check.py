@@ -132,12 +132,6 @@ def test_check_finds_a_damaged_index_and_the_others(folder):
     assert (report.n_recordings, len(report.problems)) == (0, 3)
 
 
-def test_report_prints_a_few_of_many_problems(folder):
-    every = tuple(RecordingFileError("part", "cut off", place=f"row group {i}") for i in range(25))
-    report = replace(checked(folder), problems=every)
-    assert str(report).endswith("  part, row group 9: cut off\n  and 15 more")
-
-
 def test_check_refuses_what_is_no_archive(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such file or folder"):
         checked(tmp_path / "a")

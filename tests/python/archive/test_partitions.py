@@ -147,20 +147,6 @@ def test_run_on_a_grown_archive_adds_and_changes_nothing(tmp_path, out, monkeypa
     assert files_in(tmp_path / "anew") == files_in(out)
 
 
-def test_run_beside_an_append_of_a_lagging_clock(tmp_path, out, monkeypatch):
-    when = iter([1.0, 3.0, 2.0])
-    monkeypatch.setattr("granular_id.io.parquet.writing.time.time", lambda: next(when))
-    archive, data = tmp_path / "archive", some_recordings(6).recordings
-    append(archive, Dataset(data[:2]))
-    append(archive, Dataset(data[2:4]))
-    opened = Archive(archive)
-    append(archive, Dataset(data[4:]))
-    run(opened, Sums(), out, progress=False)
-    assert sums_in(out) == sums_of(data[:4])
-    done(archive, out)
-    assert sums_in(out) == sums_of([*data[:2], *data[4:], *data[2:4]]), "in the order of the archive"
-
-
 @pytest.mark.parametrize("age_s", [0, 3_600, 90_000])
 def test_run_removes_drafts_only_of_dead_writers(archive, out, age_s):
     done(archive, out)

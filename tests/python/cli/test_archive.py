@@ -12,7 +12,7 @@ import pytest
 
 import granular_id as gid
 from archive_cases import poison
-from cli_cases import ended_well, make, recording, refused, run, saved, way_out
+from cli_cases import ended_well, recording, refused, run, saved, way_out
 from granular_id.archive import Archive, Features, append
 from granular_id.io import load_parts
 from granular_id.io.parquet.writing import Appender, save_parquet
@@ -82,28 +82,6 @@ def test_interrupted_add_goes_on_with_the_same_command(folder, tmp_path, pieces,
     assert ended.stderr == "Interrupted: no file was left half-written.\n"
     assert "16 recordings were there already" in ended_well("archive", "add", archive, folder)
     assert Archive(archive).n_recordings == 30
-
-
-def pushes(n=20):
-    """Recordings at rest, and in motion from 0.4 s on."""
-    rng = np.random.default_rng(3)
-    data = [recording(rng, i % 3, i, samples=250) for i in range(n)]
-    for one in data:
-        one.wrench.flags.writeable = True
-        one.wrench[:50] = rng.normal(0, 0.01, (50, 6))
-    return Dataset(data)
-
-
-def test_add_counts_what_is_left_out_and_says_why(tmp_path, pieces):
-    source = saved(make(), tmp_path / "source")
-    for path in sorted(source.rglob("*_*.csv"))[:12]:
-        path.write_text("nonsense\n", encoding="utf-8")
-    refusal = refused("archive", "add", tmp_path / "fleet", source)
-    assert "(--on-error skip)" in refusal
-    out = ended_well("archive", "add", tmp_path / "fleet", source, "--on-error", "skip")
-    assert "added 18 recordings" in out
-    assert "12 files skipped:\n" in out
-    assert re.search(r"\.\.\. \d+ more lines\n$", out)
 
 
 def test_refused_before_anything_is_read(folder, archive, tmp_path):
@@ -282,15 +260,6 @@ def test_what_stopped_goes_on_with_the_same_command(archive, model, tmp_path, mo
         assert "o space left on device" in line or line.startswith(
             "Interrupted: no file was left half-written; "
         )
-
-
-@pytest.mark.parametrize(
-    ("words", "said"), [(("--scheduler", "tcp://h:1", "--jobs", 2), "scheduler"), (("--jobs", 0), "'--jobs'")]
-)
-def test_workers_are_refused_alike(archive, model, tmp_path, words, said):
-    assert said in refused("extract", archive, "-o", tmp_path / "out", *words)
-    assert said in refused("identify", model, archive, "-o", tmp_path / "out", *words)
-    assert not (tmp_path / "out").exists()
 
 
 def test_workers_reach_the_work(archive, monkeypatch):

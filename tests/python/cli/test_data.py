@@ -233,18 +233,6 @@ def tool(tmp_path_factory):
     return place / "tool.json"
 
 
-def test_one_pose_is_refused_with_the_way_out(tmp_path):
-    rests = simulate_rests(TRUE, DOWN, duration_s=1.0, rate_hz=100)
-    silent = save(Dataset([replace(one, meta={"frame": "flange"}) for one in rests]), tmp_path / "silent.npz")
-    words = ("setup", "payload", silent, "-o", tmp_path / "t.json")
-    assert "gravity must be given" in refused(*words)
-    save(Dataset([replace(one, meta={"gravity": [0, 0, -1]}) for one in rests]), tmp_path / "one.npz")
-    assert "only a tare is possible" in refused(
-        "setup", "payload", tmp_path / "one.npz", "-o", tmp_path / "t.json"
-    )
-    assert not (tmp_path / "t.json").exists()
-
-
 def test_convert_takes_a_payload_off_and_turns(pushes, tool, tmp_path):
     there, new = tmp_path / "there.npz", tmp_path / "new.npz"
     ended_well("data", "convert", pushes, there, "--frame", "flange")

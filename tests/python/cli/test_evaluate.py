@@ -55,11 +55,6 @@ def test_options_reach_the_evaluation(folder, tmp_path):
     assert (result["settings"]["seed"], result["settings"]["by"]) == (9, "random")
 
 
-def test_ranges_may_be_learned(folder):
-    out = ended_well("evaluate", folder, *SMALL, "--bin-range", "auto", "--hold-out", "time")
-    assert "right with halves in time order (chance 33.3 %)" in " ".join(out.split())
-
-
 def test_quiet_prints_accuracies_and_files(folder, tmp_path):
     result = run("evaluate", folder, *SMALL, "--quiet", "--csv", tmp_path / "p.csv")
     lines = result.stdout.splitlines()
@@ -132,9 +127,3 @@ def test_held_out_values_are_printed_and_written(tools, tmp_path):
     result = written(tmp_path / "r.json")
     assert [fold["held_out"] for fold in result["folds"]] == ["wide", "thin", "long"]
     assert len(result["spaces"]["hfmh"]["at_random"]) == 19
-
-
-def test_model_is_measured_on_held_out_values(tools, tmp_path):
-    words = ("--space", "hfmh", "--target-error", 0.3, "-o", tmp_path / "m.safetensors")
-    out = ended_well("train", tools, "--hold-out", "tool", *words)
-    assert "accuracy, another tool: " in out

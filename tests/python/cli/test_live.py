@@ -52,19 +52,6 @@ def live(model):
     return ("live", "--source", "sim:rice?seed=4&speed=20", "--model", model)
 
 
-def test_recording_holds_all_that_is_known(pushes):
-    data = gid.load(pushes)
-    assert len(data) == 12
-    assert data.labels == ("fine sugar", "rice")
-    for recording in data:
-        assert (recording.n_samples, recording.rate_hz, recording.trigger_index) == (500, 500.0, 125)
-        assert recording.session == "Monday"
-        assert recording.meta["synthetic"]
-        assert recording.meta["truth"] == recording.label
-        assert recording.meta["trigger"] == "motion"
-        assert recording.start_time is not None
-
-
 def test_label_that_the_source_contradicts_is_told(tmp_path):
     words = ("--source", "sim:rice?seed=2&speed=20", "--duration-s", 1, "--n", 2)
     out = ended_well("record", *words, "--label", "salt", "-o", tmp_path / "x")
@@ -120,15 +107,6 @@ def test_live_prints_what_changes_and_offers_a_page(live):
     assert "note: the model has no early rule" in ended_well(*live, "--n", 1, "--quiet", "--early")
 
 
-def test_what_is_like_no_known_material_is_counted(pushes, tmp_path):
-    strict = tmp_path / "strict.safetensors"
-    ended_well("train", pushes, "-o", strict, "--space", "hfmh", "--share-known", 0.01, "--quiet")
-    words = ("--source", "sim:macaroni?seed=3&speed=20", "--model", strict, "--n", 1)
-    out = ended_well("live", *words)
-    assert "Done: like no known material (final, after 1.00 s, nearest: " in out
-    assert "SYNTHETIC: 1 answer, 1 right (100 %); 1 like no known material" in out
-
-
 def test_replay_that_is_over_ends_calmly(model, pushes):
     words = ("live", "--source", f"replay:{pushes}?pause_s=0.5&speed=20", "--model", model)
     out = ended_well(*words)
@@ -141,22 +119,6 @@ def test_replay_that_is_over_ends_calmly(model, pushes):
 
 
 # -- ends
-
-
-def test_full_disk_ends_a_session_with_whole_lines(live, tmp_path):
-    rows = tmp_path / "answers.jsonl"
-    code = (
-        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))\n"
-        "from granular_id.cli import main; main()"
-    )
-    session = started(*live, "-q", "--json", rows, code=code)
-    _, error = session.communicate(timeout=120)
-    assert session.returncode == 2
-    assert " ".join(error.split()) == f"error: cannot write {rows}: File too large"
-    whole = rows.read_text("utf-8")
-    assert whole.endswith("}\n")
-    answers = [json.loads(line) for line in whole.splitlines()]
-    assert {answer["truth"] for answer in answers} == {"rice"}
 
 
 def interrupted(*words, after):
@@ -323,48 +285,7 @@ def test_live_with_a_hop_refuses_what_is_about_pushes(grounds, words):
     assert f"{re.split('[ =]', words)[0]} is about pushes; with --hop-s answers go on" in line
 
 
-class Leaky(ThreadedSource):
-    """Loses every fortieth sample."""
-
-    def __init__(self):
-        units = ("rad/s",) * 3 + ("m/s2",) * 3
-        super().__init__(SourceInfo("leaky", 100, device_clock=True, axes=IMU, units=units, speed=100))
-
-    def deliver(self, buffer, stopping):
-        kept = np.arange(400) % 40 != 39
-        samples = np.random.default_rng(3).normal(0, 0.3, (400, 6))
-        buffer.push_block(samples[kept], np.flatnonzero(kept) / 100)
-
-
-def test_live_says_that_rows_were_lost(grounds, monkeypatch):
-    monkeypatch.setattr("granular_id.live.open_source", lambda *_, **__: Leaky())
-    words = ("live", "--source", "sim:rice", "--model", grounds[0], "--hop-s", 0.5, "--quiet")
-    why = "rows were lost 9 times; a window needs 0.5 s without loss (max_gap)"
-    assert refused(*words).endswith(why)
-    out = run(*words).stdout
-    assert f"no answer: {why}" in out
-    assert f"0 answers; {why}" in out
-    assert "7 answers" in ended_well(*words, "--max-gap", 1)
-
-
 # -- into archives
-
-
-@pytest.fixture
-def fleet(pushes, tmp_path):
-    """An archive of those pushes."""
-    pytest.importorskip("pyarrow.parquet")
-    ended_well("archive", "add", tmp_path / "fleet", pushes, "--quiet")
-    return tmp_path / "fleet"
-
-
-def test_record_appends_each_push_to_an_archive_that_is_there(fleet):
-    words = ("--label", "rice", "--n", 2, "--duration-s", 1, "--session", "Tuesday", "-o", fleet)
-    ended_well("record", "--source", "sim:?seed=5&speed=20", *words)
-    data = [one for one in gid.load(fleet) if one.session == "Tuesday"]
-    assert [(one.label, one.n_samples, one.trigger_index) for one in data] == [("rice", 500, 125)] * 2
-    assert all(one.meta["synthetic"] and one.meta["truth"] == one.label for one in data)
-    assert not list(fleet.rglob("*.npz"))
 
 
 def test_live_keeps_each_push_with_its_answer(live, model, tmp_path):

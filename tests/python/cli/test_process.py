@@ -156,23 +156,6 @@ def test_progress_bar_leaves_nothing_behind(folder):
     assert out.startswith("hfmh names ")
 
 
-@needs_terminal
-def test_ctrl_c_amid_the_partitions_ends_the_bar_too(folder, tmp_path):
-    words = ("evaluate", folder, "--paper", "4000,6,3", "--jobs", 2)
-    files = ("--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv")
-    with Terminal((*words, *files, "--spaces", "raw")) as terminal:
-        terminal.read_until("raw: partition")
-        assert "raw: partition" in terminal.shown
-        terminal.running.send_signal(signal.SIGINT)
-        terminal.read_until("a text that never comes")
-        terminal.running.communicate(timeout=30)
-        assert terminal.running.returncode == 130
-    assert "Traceback" not in terminal.shown
-    last = terminal.shown.rstrip().splitlines()[-1]
-    assert "Interrupted: no file was left half-written." in last
-    assert list(tmp_path.iterdir()) == []
-
-
 class ClosesItself:
     """As archives do: a Ctrl-C that arrives meanwhile is dropped by Python."""
 

@@ -4,11 +4,10 @@ import shlex
 
 import pytest
 
-from cli_cases import LABELS, SMALL, make, recording, refused, run, saved
+from cli_cases import refused, run
 from granular_id import _core
 from granular_id._checks import argument_error
 from granular_id.io import save
-from granular_id.recording import Dataset, Recording
 from granular_id.synthetic import synthesize
 
 
@@ -178,32 +177,3 @@ def test_bug_keeps_its_traceback(folder, monkeypatch, bug):
     monkeypatch.setattr("granular_id.io.load", lambda *_, **__: (_ for _ in ()).throw(bug))
     raised = run("evaluate", folder).exception
     assert isinstance(raised, bug if isinstance(bug, type) else type(bug))
-
-
-def test_no_order_in_time_leaves_halves_out(tmp_path):
-    timed = make()
-    one = timed[4]
-    without = Recording(one.wrench, rate_hz=125.0, label=one.label, name=one.name)
-    data = saved(Dataset([*timed[:4], without, *timed[5:]]), tmp_path / "x")
-    assert "no start time" in refused("evaluate", data, *SMALL, "--hold-out", "time")
-
-
-def test_folder_without_recordings_or_labels_is_refused(tmp_path):
-    import numpy as np
-
-    (tmp_path / "empty").mkdir()
-    assert "holds no recordings" in refused("evaluate", tmp_path / "empty")
-    one = saved(make()[:10], tmp_path / "one")
-    assert "at least 2 classes, got only 'oat'" in refused("evaluate", one, *SMALL)
-    row = "time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n"
-    folder = tmp_path / "single"
-    folder.mkdir()
-    (folder / "x.csv").write_text(row, encoding="utf-8")
-    (folder / "index.csv").write_text("file,material\nx.csv,rice\n", encoding="utf-8")
-    assert "index.csv has no column label (found: file, material)" in refused("evaluate", folder)
-    for label in LABELS[:2]:
-        for i in (1, 2):
-            (tmp_path / "few" / label).mkdir(parents=True, exist_ok=True)
-            (tmp_path / "few" / label / f"{i}.csv").write_text(row, encoding="utf-8")
-    assert "4 of 4 recordings hold a single sample" in refused("evaluate", tmp_path / "few")
-    assert recording(np.random.default_rng(0), 0, 0).rate_hz == 125

@@ -1,6 +1,5 @@
 """One screen: each command prints at most 24 lines of 80 columns, the answer first; its options are few and used."""
 
-import os
 import re
 import shlex
 from dataclasses import replace
@@ -16,7 +15,6 @@ from granular_id.recording import Dataset
 from granular_id.synthetic import synthesize
 
 ROOT = Path(__file__).parents[3]
-GOLDEN = Path(__file__).with_name("golden")
 
 COMMANDS = {
     "demo": "demo",
@@ -90,30 +88,6 @@ def test_command_prints_one_screen(made, tmp_path, monkeypatch, name):
     lines = result.output.splitlines()
     assert len(lines) <= 24, result.output
     assert max(map(len, lines)) <= 80, result.output
-
-
-GOLDEN_COMMANDS = {
-    "evaluate": "evaluate {small} --spaces raw+hfmh,raw",
-    "info": "data info {small}",
-    "unequal": "evaluate {odd}",
-    "archive": "archive info {archive}",
-}
-
-
-@pytest.mark.parametrize("name", GOLDEN_COMMANDS)
-def test_output_is_the_golden_text(made, tmp_path, monkeypatch, name):
-    """GRANULAR_ID_GOLDEN=1 writes the texts anew."""
-    monkeypatch.chdir(tmp_path)
-    for key in ("small", "odd", "archive"):
-        (tmp_path / f"{key}{made[key].suffix}").symlink_to(made[key])
-    words = GOLDEN_COMMANDS[name].format(small="small", odd="odd.npz", archive="archive")
-    result = run(*shlex.split(words))
-    printed = f"$ granular-id {words}\n{result.stdout}-- standard error\n{result.stderr}"
-    file = GOLDEN / f"{name}.txt"
-    if os.environ.get("GRANULAR_ID_GOLDEN"):
-        file.parent.mkdir(exist_ok=True)
-        file.write_text(printed, encoding="utf-8")
-    assert printed == file.read_text(encoding="utf-8")
 
 
 # -- options
