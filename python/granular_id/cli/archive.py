@@ -18,7 +18,7 @@ from granular_id._core import GranularIdError
 from granular_id._files import check_source, made_folder
 from granular_id._text import Table, counted, verb
 from granular_id.cli import options as opt
-from granular_id.cli.outputs import print_table, show
+from granular_id.cli.outputs import ROOM, print_table, show
 from granular_id.cli.recordings import about
 
 if TYPE_CHECKING:
@@ -155,8 +155,8 @@ def info(archive: opt.Archive, *, details: opt.Details = False) -> None:
     from granular_id.archive import Archive
 
     opened = Archive(archive)
-    show("\n".join(_facts(opened)))
-    print_table(_of_materials(opened), details=details)
+    n_facts = show("\n".join(_facts(opened)))
+    print_table(_of_materials(opened), details=details, room=ROOM + 4 - n_facts)
 
 
 def _facts(archive: Archive) -> Iterator[str]:

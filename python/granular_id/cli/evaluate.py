@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from granular_id.evaluation import EvaluationResult
     from granular_id.spaces import FeatureSpace
 
-_MOST_LINES, _LEAST_ROWS = 5, 3
-"""Of what spoils the figures, and of what deserves mention; of the table."""
+_MOST_LINES = 5
+"""Of what spoils the figures, and of what deserves mention."""
 
 
 def evaluate(
@@ -140,8 +140,7 @@ def print_result(result: EvaluationResult, *, details: bool, quiet: bool, room: 
     room -= show(headline(result), "bold yellow" if result.synthetic else "bold")
     room -= sum(show(line) for line in gap_lines(result))
     table, notes = accuracy_table(result), remarks(result)
-    n_rows = max(_LEAST_ROWS, room - 4 - 2 * len(table.notes))
-    room -= print_table(table, strong=result.synthetic, details=details, most=n_rows)
+    room -= print_table(table, strong=result.synthetic, details=details, room=room)
     if details:
         show(result.details())
     elif notes and not quiet and room > 0:

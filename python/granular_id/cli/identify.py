@@ -19,6 +19,7 @@ from granular_id.cli.archive import check_is_archive, say_made, working_on
 from granular_id.cli.outputs import (
     ANSWERS,
     PICTURE,
+    ROOM,
     check_outputs,
     drawing,
     json_of,
@@ -35,7 +36,8 @@ if TYPE_CHECKING:
     from granular_id.identifier import Batch, Identifier, Timeline
     from granular_id.recording import Dataset
 
-_MOST_LINES = 12
+_MOST_LINES, _ABOUT_LENGTH = 12, 6
+"""Of answers over several recordings; of what was cropped, and what was not looked at."""
 
 _OF_READING = ("units", "csv", "id", "time", "time_unit", "array", "topic", "rate_hz")
 
@@ -101,7 +103,10 @@ def identify(
     data = _read_all(paths, identifier, quiet=quiet)
     with about(paths[0]):
         if hop_s is None:
-            answers = _answer_each(data, identifier, accepted, details=details, quiet=quiet)
+            n_files = (json is not None) + (csv is not None)
+            answers = _answer_each(
+                data, identifier, accepted, details=details, quiet=quiet, room=ROOM - n_files
+            )
             write_files((json, numbers("answers", answers.to_dict)), (csv, answers.to_csv))
             return
         if figure is not None and len(data) > 1:
@@ -158,12 +163,13 @@ def _read_all(paths: list[Path], identifier: Identifier, *, quiet: bool) -> Data
 
 
 def _answer_each(
-    data: Dataset, identifier: Identifier, accepted: list[str], *, details: bool, quiet: bool
+    data: Dataset, identifier: Identifier, accepted: list[str], *, details: bool, quiet: bool, room: int
 ) -> Batch:
     """Print one answer for each recording, and return them."""
     from granular_id.identifier import identify_all
 
     taken, differences = fitted(data, identifier, accepted, quiet=quiet)
+    room -= _ABOUT_LENGTH * (taken is not data)
     answers = identify_all(identifier, taken, differences)
     if quiet:
         for answer in answers.each():
@@ -171,7 +177,7 @@ def _answer_each(
             typer.echo(f"{answer['name']}\t{nearest}{answer['label']}")  # rich would turn the tab into blanks
         _warn(differences, answers.synthetic)
     else:
-        print_table(answers.table(), strong=bool(answers.synthetic), details=details)
+        print_table(answers.table(), strong=bool(answers.synthetic), details=details, room=room)
     window_s = identifier.n_samples / identifier.rate_hz
     longest_s = max(one.n_samples for one in data) / identifier.rate_hz
     if longest_s >= 2 * window_s:

@@ -6,8 +6,7 @@ import re
 import shlex
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -26,7 +25,7 @@ COLUMNS = 80
 ROOM = 20
 """Of a screen of 24 lines: what is left below the 4 in which a command says what it has read."""
 
-_MOST_ROWS = 12
+_LEAST_ROWS = 3
 
 
 def show(
@@ -69,30 +68,37 @@ def warn_of_setups(differences: Iterable[str], *, err: bool = False) -> None:
         show(f"warning: {setup_mismatch(difference)}", "bold yellow", err=err)
 
 
-def print_table(table: Table, *, strong: bool = False, details: bool = True, most: int = _MOST_ROWS) -> int:
-    """Print one table with its title above and its notes below; without details its first rows only.
+def print_table(table: Table, *, strong: bool = False, details: bool = True, room: int = ROOM) -> int:
+    """Print one table with its title above and its notes below, without details on `room` lines by its first rows.
 
     Return how many lines it took.
     """
-    n_more = 0 if details else len(table.rows) - most
-    if n_more > 0:
-        more = f"... {n_more} more rows: --details"
-        table = replace(table, rows=table.rows[:most], notes=(more, *table.notes))
+    n_lines, rows = show(table.title, "bold yellow" if strong else "bold"), table.rows
+    room -= n_lines + 1 + sum(len(note) // COLUMNS + 1 for note in table.notes)
+    drawn = _drawn(table, rows)
+    while not details and len(rows) > _LEAST_ROWS and len(drawn) > room:
+        rows = rows[:-1]
+        drawn = _drawn(table, rows)
+    if rows:
+        n_lines += show("\n".join(drawn))
+    more = [f"... {len(table.rows) - len(rows)} more rows: --details"] * (len(rows) < len(table.rows))
+    return n_lines + sum(show(note) for note in (*more, *table.notes))
+
+
+def _drawn(table: Table, rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Draw header and rows of a table, as text."""
     console = Console(highlight=False)
     console.width = min(COLUMNS, console.width)
-    n_lines = show(table.title, "bold yellow" if strong else "bold")
-    if table.rows:
-        drawn = RichTable(
-            box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 0, 0, 1), header_style="bold"
-        )
-        for i, name in enumerate(table.header):
-            justify: Literal["left", "right"] = "right" if i else "left"
-            drawn.add_column(Text(name), justify=justify, overflow="fold")
-        for row in table.rows:
-            drawn.add_row(*(Text(cell) for cell in row))
+    looks: dict[str, Any] = {"box": box.SIMPLE_HEAD, "show_edge": False, "pad_edge": False}
+    drawn = RichTable(**looks, padding=(0, 0, 0, 1), header_style="none")
+    for i, name in enumerate(table.header):
+        justify: Literal["left", "right"] = "right" if i else "left"
+        drawn.add_column(Text(name), justify=justify, overflow="fold")
+    for row in rows:
+        drawn.add_row(*(Text(cell) for cell in row))
+    with console.capture() as captured:
         console.print(drawn)
-        n_lines += 2 + len(table.rows)
-    return n_lines + sum(show(note) for note in table.notes)
+    return [line.rstrip() for line in captured.get().splitlines()]
 
 
 def write_files(*outputs: tuple[Path | None, Callable[[Path], object]]) -> None:

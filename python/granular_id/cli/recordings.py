@@ -44,12 +44,12 @@ def read(path: Path, *, prepared: bool = False, quiet: bool = False, **options: 
         _tell(error, path, options)
         raise
     report = data.history[-1]
-    lines = skipped_lines(report)
+    lines = skipped = skipped_lines(report)
     if not quiet:
         lines = [headline(data.recordings), *lines, *noticed_lines(report)]
     if lines:
         given = {name: options[name] for name in _OF_INFO if name in options}
-        show("\n".join(lines), err=True, most=4 if prepared else _MOST_LINES, rest=history_of(path, given))
+        show("\n".join(lines), err=True, most=_MOST_LINES if skipped else 4, rest=history_of(path, given))
     return data
 
 

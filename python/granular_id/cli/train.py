@@ -123,7 +123,7 @@ def pipeline_of(space: str, rate_hz: float, **settings: Any) -> Pipeline:
 def print_lines(lines: Sequence[str], *, rest: str, most: int = ROOM) -> None:
     """Print what is known of a model: one screen, and what has the rest, if anything has."""
     if any("SYNTHETIC" in line for line in lines):
-        show(lines[0], "bold yellow")
+        most -= show(lines[0], "bold yellow")
         lines = lines[1:]
     show("\n".join(lines), most=most if rest else None, rest=rest)
 

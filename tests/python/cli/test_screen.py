@@ -22,7 +22,7 @@ COMMANDS = {
     "evaluate, spoiled": "evaluate {spoiled} --report r.html --json r.json --csv p.csv",
     "evaluate, paper": "evaluate {small} --paper 2,6,3",
     "train": "train {wide} -o new.safetensors --space multiband --figure f.png --json n.json",
-    "identify": "identify {model} {small} --csv a.csv",
+    "identify": "identify {simulated} {wide} --csv a.csv --json a.json",
     "identify, each moment": "identify {model} {small} --hop-s 0.1",
     "live": "live --source sim:rice?speed=50 --model {simulated} --pre-s 0.1 --n 2 --json l.jsonl",
     "record": "record --source sim:?speed=50 --label rice,macaroni --n 4 -o pushes",
