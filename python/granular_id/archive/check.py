@@ -51,10 +51,8 @@ class CheckReport:
         lines = [f"{self.folder}: {counted(self.n_recordings)}, {found}", *_first(self.problems)]
         if self.leftovers:
             what = f"{counted(len(self.leftovers), 'file')} left by an append that was interrupted"
-            lines += [
-                f"{what}, or of one that is under way; no part of the archive:",
-                *_first(self.leftovers),
-            ]
+            lines.append(f"{what}, or of one that is under way; no part of the archive:")
+            lines += _first(self.leftovers)
         return "\n".join(lines)
 
 

@@ -88,7 +88,7 @@ WRONG_SAMPLES = np.array([1.0] * 12 + [np.nan] + [1.0] * 12)
             0,
             "2 recordings of 2 have another digest than {index} says, .* 'push 0'",
         ),
-        (False, "fx", WRONG_SAMPLES, 1, "sample 2 of recording 'push 2' is nan; wanted finite numbers"),
+        (False, "fx", WRONG_SAMPLES, 1, "sample 2 is nan; wanted finite numbers"),
         (True, "n_samples", [5, 5, 4, 5, 5], 1, "holds 10 samples; by {index} its recordings have 9"),
     ],
     ids=["digests", "nan", "counts"],

@@ -318,18 +318,9 @@ class Archive:
         if start != n_samples:
             raise RecordingFileError(path, f"holds {start} samples; its footer says {n_samples}", place=place)
         if not finite:
-            raise self._not_finite(group, wrench)
-
-    def _not_finite(self, group: RowGroup, samples: FloatArray) -> RecordingFileError:
-        row, axis = np.argwhere(~np.isfinite(samples))[0].tolist()
-        lengths = self.index["n_samples"].slice(group.start, group.stop - group.start).to_numpy()
-        ends = np.cumsum(lengths)
-        i = int(np.searchsorted(ends, row, side="right"))
-        name = self.index["name"][group.start + i].as_py()
-        sample = f"sample {row - int(ends[i] - lengths[i])} of recording {name!r:.60}"
-        problem = f"{sample} is {samples[row, axis]}; wanted finite numbers"
-        place = f"row group {group.row_group}"
-        return RecordingFileError(self.folder / group.file, problem, place=place, column=self.axes[axis])
+            row, axis = np.argwhere(~np.isfinite(wrench))[0].tolist()
+            problem = f"sample {row} is {wrench[row, axis]}; wanted finite numbers"
+            raise RecordingFileError(path, problem, place=place, column=self.axes[axis])
 
 
 class _Part(NamedTuple):
