@@ -429,7 +429,7 @@ fn rows_without_time_follow_one_period_apart_without_drift() {
 }
 
 #[test]
-fn time_without_any_goes_on_from_the_last_row_and_begins_at_zero_in_every_epoch() {
+fn rows_without_time_go_on_and_begin_at_zero_in_every_epoch() {
     let (mut writer, _) = buffer(20, 3);
     let mut clock = DeviceClock::new(&BufferSpec::default().with_tick_hz(500.0));
     let times = push_by_clock(&mut clock, &mut writer, [None, Some(7), None, Some(3), None]);

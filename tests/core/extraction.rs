@@ -148,7 +148,7 @@ fn silent_axes_and_useless_ranges_are_counted_exactly() {
 }
 
 #[test]
-fn histograms_without_the_filter_are_those_of_the_samples_at_every_edge() {
+fn unfiltered_histograms_are_exact_at_every_edge() {
     for (n_bins, low, high) in [(100, -1.5, 1.5), (7, -0.2, 0.5), (3, 1.0, 2.0), (4, -1e-300, 1e-300)] {
         let bins = UniformBins::new(n_bins, low, high).unwrap();
         let edges = bins.edges().iter().flat_map(|edge| [edge.next_down(), *edge, edge.next_up()]);

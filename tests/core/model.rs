@@ -184,7 +184,7 @@ proptest! {
 }
 
 #[test]
-fn every_beginning_and_every_changed_byte_is_a_model_or_an_error() {
+fn cut_or_changed_bytes_are_a_model_or_an_error() {
     let good = Small::new().model().unwrap().to_bytes().unwrap();
     damage_is_an_error_or_a_model(&good, &[0.25, -1.0, 2.0], |error| {
         matches!(error, Error::Score { .. } | Error::Length { .. })

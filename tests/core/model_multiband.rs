@@ -149,7 +149,7 @@ fn long_windows_that_share_rows_are_recordings() {
 }
 
 #[test]
-fn before_the_first_row_there_are_intercepts_and_a_refused_row_changes_nothing() {
+fn refused_rows_change_nothing_and_none_gives_intercepts() {
     let model = Arc::new(random_banded(3, 16, 2, MultiBandSpec::default()));
     let rows = noise(4, 32);
     let mut stream = StreamingIdentifier::new(model.clone(), None).unwrap();
@@ -208,7 +208,7 @@ fn rows_too_large_are_not_taken() {
 }
 
 #[test]
-fn every_beginning_and_every_changed_byte_is_a_model_or_an_error() {
+fn cut_or_changed_bytes_are_a_model_or_an_error() {
     let spec = MultiBandSpec::default().with_coupling(false).with_spectrum(false).with_level(true);
     let good = random_banded(3, 5, 1, spec).to_bytes().unwrap();
     no_flipped_bit_is_read(&good);
@@ -271,8 +271,8 @@ fn features_that_do_not_fit_are_errors() {
     };
     let spec = MultiBandSpec::default();
     let level = spec.with_level(true);
-    let said = |spec, n_bands: usize, levels| refused(spec, &ones[..n_bands], levels).to_string();
-    let error = said(spec, n_bands + 1, None);
+    let text = |spec, n_bands: usize, levels| refused(spec, &ones[..n_bands], levels).to_string();
+    let error = text(spec, n_bands + 1, None);
     assert!(error.starts_with("band_scales must have shape"), "{error}");
     for (value, message) in [
         (0.0, "band_scales must be positive, got 0"),
@@ -292,7 +292,7 @@ fn features_that_do_not_fit_are_errors() {
         (level, Some(&[1.0, 1.0]), "level_scales must have shape (1,), one per axis, got [2]"),
         (level, Some(&[0.0]), "level_scales must be positive, got 0"),
     ] {
-        assert_eq!(said(spec, n_bands, levels), message);
+        assert_eq!(text(spec, n_bands, levels), message);
     }
     let none = spec.with_coupling(false).with_quantiles(false).with_envelope(false).with_spectrum(false);
     assert!(matches!(

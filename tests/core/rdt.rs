@@ -90,7 +90,7 @@ fn a_restart_is_a_new_epoch() {
 }
 
 #[test]
-fn a_stream_asked_for_again_is_a_new_epoch_though_the_clock_runs_on() {
+fn a_stream_requested_again_is_a_new_epoch() {
     let (rows, counts) = placed(&[run(1, 700, 14, 500), run(1, 700 + 14 * 900, 14, 10)].concat());
     assert_eq!((counts.restarts, counts.lost, counts.rows), (1, 0, 510));
     assert_eq!(rows[500], (1, 700 + 14 * 900));
@@ -144,7 +144,7 @@ fn a_stray_record_begins_no_stream() {
 }
 
 #[test]
-fn the_first_record_is_kept_until_the_second_confirms_it() {
+fn the_first_record_waits_until_the_second_confirms_it() {
     let mut decoder = decoder(Variant::NetFt, f64::INFINITY);
     let mut rows = Vec::new();
     for (i, host_ns) in [(1, 100), (2, 200), (3, 300)] {

@@ -174,7 +174,7 @@ proptest! {
         let mut stream = StreamingExtractor::new(&extractor, Windows::new(n_samples, n_axes)).unwrap();
         let before = before.index(n_samples);
         stream.push(&rows[..before * n_axes]).unwrap();
-        let kept = features(&stream);
+        let clean = features(&stream);
         let mut poisoned = rows[before * n_axes..].to_vec();
         let at = at.index(poisoned.len());
         poisoned[at] = bad;
@@ -199,7 +199,7 @@ proptest! {
             Err(error) => prop_assert!(false, "{}", error),
         }
         prop_assert_eq!(stream.n_seen(), before);
-        prop_assert_eq!(bits(&features(&stream)), bits(&kept));
+        prop_assert_eq!(bits(&features(&stream)), bits(&clean));
         fill(&mut stream, &rows[before * n_axes..], &blocks);
         let shape = BatchShape { n_recordings: 1, n_samples, n_axes };
         prop_assert_eq!(bits(&features(&stream)), bits(&extractor.extract(&rows, shape, 1).unwrap()));
@@ -250,12 +250,12 @@ fn rows_too_large_to_filter_are_refused_as_a_whole() {
     let mut noise = uniform(3);
     let rows: Vec<f64> = (0..600).map(|_| noise()).collect();
     stream.push(&rows[..200]).unwrap();
-    let kept = features(&stream);
+    let before = features(&stream);
     let mut large = rows[200..].to_vec();
     large[330..].fill(f64::MAX);
     let error = stream.push(&large).unwrap_err();
     assert!(matches!(error, Error::TooLargeRow { row: 165, axis: 0, value: f64::MAX, .. }), "{error}");
-    assert_eq!((stream.n_seen(), features(&stream)), (100, kept));
+    assert_eq!((stream.n_seen(), features(&stream)), (100, before));
     assert_eq!(stream.push(&rows[200..]), Ok(200));
     let shape = BatchShape { n_recordings: 1, n_samples: 300, n_axes: 2 };
     assert_eq!(features(&stream), extractor.extract(&rows, shape, 1).unwrap());
@@ -371,7 +371,7 @@ fn a_refused_row_changes_nothing() {
 }
 
 #[test]
-fn the_rule_for_early_answers_is_that_of_the_latest_moment_reached() {
+fn early_rule_is_that_of_the_latest_moment_reached() {
     let model = random_model(2, 4, 1, FeatureSpec::default().with_hfmh(false));
     assert_eq!(
         (model.margin_needed(0), model.margin_needed(1), model.margin_needed(4)),

@@ -80,8 +80,8 @@ pub fn no_flipped_bit_is_read(good: &[u8]) {
 }
 
 /// Asserts that a file that is cut off anywhere is refused, and one with any byte changed and the digest of that is refused
-/// or a model whose answers are numbers or such errors as `told`.
-pub fn damage_is_an_error_or_a_model(good: &[u8], wrench: &[f64], told: impl Fn(&Error) -> bool) {
+/// or a model whose answers are numbers or such errors as `is_expected`.
+pub fn damage_is_an_error_or_a_model(good: &[u8], wrench: &[f64], is_expected: impl Fn(&Error) -> bool) {
     for len in 0..good.len() {
         assert!(Model::from_bytes(&good[..len], MAX_FILE_BYTES).is_err(), "{len} bytes");
     }
@@ -94,7 +94,7 @@ pub fn damage_is_an_error_or_a_model(good: &[u8], wrench: &[f64], told: impl Fn(
             assert_eq!(Model::from_bytes(&model.to_bytes().unwrap(), MAX_FILE_BYTES), Ok(model.clone()));
             match model.identify(wrench) {
                 Ok(answer) => assert!(answer.losses.iter().all(|loss| !loss.is_nan())),
-                Err(error) => assert!(told(&error), "{error}"),
+                Err(error) => assert!(is_expected(&error), "{error}"),
             }
             read += 1;
         }
