@@ -648,30 +648,21 @@ class Dataset:
         """Count recordings, lengths, rates, sessions and flags per label; ``print`` it."""
         return summarise(self.recordings)
 
-    def check(self, *, false_alarm_rate: float = 0.01) -> CheckReport:
+    def check(self) -> CheckReport:
         """Look for what would spoil an evaluation: ``print`` it.
 
-        Parameters
-        ----------
-        false_alarm_rate : float
-            Chance that a statistical check (each of: leaks, outliers, clipping) speaks up
-            in a sound data set. Default: 0.01, once in a hundred sets. Leaks count any rate below 0.001 as 0.001.
+        Each statistical check (leaks, outliers, clipping) suspects one sound data set in a hundred.
 
         Returns
         -------
         CheckReport
             A sequence of findings, worst first, with ``.states`` of recordings and ``.worst``; empty when
             nothing was found.
-
-        Raises
-        ------
-        TypeError, ValueError
-            A rate outside (0, 1).
         """
         # slow to import, and few programs look their recordings over
         from granular_id.recording.checks.run import check_recordings
 
-        return check_recordings(self.recordings, false_alarm_rate)
+        return check_recordings(self.recordings)
 
     def __add__(self, other: Dataset) -> Dataset:
         return Dataset.concatenate([self, other]) if isinstance(other, Dataset) else NotImplemented

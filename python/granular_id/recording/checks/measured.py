@@ -11,26 +11,23 @@ import numpy as np
 from granular_id._checks import FloatArray
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.clock import MAX_GAP_S
-from granular_id.recording.recording import Recording, places_of, unit_of
+from granular_id.recording.recording import Recording, places_of
+
+FALSE_ALARM_RATE = 0.01
+"""Chance that a statistical check speaks up in a sound data set."""
 
 
 class Measured:
-    """Recordings, the settings of the checks, and what several checks look at; each figure is made when first used."""
+    """Recordings, and what several checks look at; each figure is made when first used."""
 
-    def __init__(self, recordings: Sequence[Recording], false_alarm_rate: float) -> None:
+    def __init__(self, recordings: Sequence[Recording]) -> None:
         self.recordings = recordings
-        self.false_alarm_rate = false_alarm_rate
 
     @cached_property
     def labels(self) -> dict[str, list[int]]:
         """Places of the recordings of each label, labels in order of first appearance."""
         places = places_of(r.label for r in self.recordings)
         return {label: group for label, group in places.items() if label is not None}
-
-    @cached_property
-    def peaks(self) -> list[FloatArray]:
-        """Largest reading of each axis, either sign."""
-        return [np.abs(r.wrench).max(axis=0) for r in self.recordings]
 
     @cached_property
     def paces(self) -> list[Pace]:
@@ -64,11 +61,6 @@ class Measured:
 def by_axis(recording: Recording) -> FloatArray:
     """Return the samples with those of an axis side by side: statistics along time take a third of the time."""
     return np.asfortranarray(recording.wrench)
-
-
-def unit_columns(recording: Recording) -> dict[str, list[int]]:
-    """Return the columns of each unit; those whose unit is not known count as of one."""
-    return places_of(unit_of(axis, recording.meta) for axis in recording.axes)
 
 
 # How the samples follow each other.

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from granular_id._checks import checked_share
 from granular_id.recording.checks import copies, leaks, signal, stated
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import SEVERITIES, CheckReport, Finding
@@ -30,9 +29,9 @@ CHECKS: tuple[Callable[[Measured], Iterator[Finding]], ...] = (
 )
 
 
-def check_recordings(recordings: Sequence[Recording], false_alarm_rate: float) -> CheckReport:
+def check_recordings(recordings: Sequence[Recording]) -> CheckReport:
     """Run all checks; see :meth:`Dataset.check`, which calls this."""
-    data = Measured(recordings, checked_share("false_alarm_rate", false_alarm_rate))
+    data = Measured(recordings)
     with np.errstate(all="ignore"):  # of readings that no sensor gives squares overflow
         findings = [finding for check in CHECKS for finding in check(data)]
     findings.sort(key=lambda finding: SEVERITIES.index(finding.severity))

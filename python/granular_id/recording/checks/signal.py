@@ -9,9 +9,9 @@ from scipy.special import pdtrc, stdtrit
 
 from granular_id._checks import FloatArray
 from granular_id._text import counted, short, verb
-from granular_id.recording.checks.measured import Measured, by_axis, unit_columns
+from granular_id.recording.checks.measured import FALSE_ALARM_RATE, Measured, by_axis
 from granular_id.recording.checks.report import Finding
-from granular_id.recording.recording import Recording, unit_of
+from granular_id.recording.recording import Recording, places_of, unit_of
 from granular_id.recording.report import subject
 
 # Largest readings per unit: a rod through gravel takes tens of newtons, wrist sensors end at some hundred.
@@ -26,7 +26,7 @@ def check_units(data: Measured) -> Iterator[Finding]:
     """Find recordings whose largest readings, of axes in N and N m, are too large for that; others are not judged."""
     beyond: dict[int, tuple[float, str, str]] = {}
     for i, r in enumerate(data.recordings):
-        for peak, axis in zip(data.peaks[i].tolist(), r.axes, strict=True):
+        for peak, axis in zip(np.abs(r.wrench).max(axis=0).tolist(), r.axes, strict=True):
             unit = unit_of(axis, r.meta)
             if peak > PLAUSIBLE.get(unit, np.inf):
                 beyond[i] = max(beyond.get(i, (0.0, "", "")), (peak, axis, unit))
@@ -49,7 +49,7 @@ _NEIGHBOURS = 10
 
 def check_clipping(data: Measured) -> Iterator[Finding]:
     """Find axes whose readings pile up at their own extreme."""
-    alpha = data.false_alarm_rate / (2 * sum(len(r.axes) for r in data.recordings))
+    alpha = FALSE_ALARM_RATE / (2 * sum(len(r.axes) for r in data.recordings))
     piled = {i: _piled_up_axes(by_axis(r), alpha) for i, r in enumerate(data.recordings)}
     clipped = {i: columns for i, (columns, _) in piled.items() if columns}
     if clipped:
@@ -122,7 +122,7 @@ def check_outliers(data: Measured) -> Iterator[Finding]:
     if not groups or any(list(d) != names for d in described):
         return
     table = np.array([list(d.values()) for d in described])
-    alpha = data.false_alarm_rate / (sum(map(len, groups)) * len(names))
+    alpha = FALSE_ALARM_RATE / (sum(map(len, groups)) * len(names))
     apart: dict[int, tuple[float, str]] = {}
     for group in groups:
         middle = np.median(table[group], axis=0)
@@ -151,7 +151,10 @@ def _figures(recording: Recording) -> dict[str, float]:
     steps = np.diff(wrench, axis=0) ** 2
     power = wrench**2
     variance = wrench.var(axis=0)
-    for unit, columns in unit_columns(recording).items():
+    units = places_of(
+        unit_of(axis, recording.meta) for axis in recording.axes
+    )  # those not known are as of one
+    for unit, columns in units.items():
         name = _QUANTITIES.get(unit) or short(" ".join(recording.axes[column] for column in columns))
         described[f"mean {name}"] = float(np.sqrt(power[:, columns].sum(axis=1)).mean())
         described[f"spread of {name}"] = float(np.sqrt(variance[columns].sum()))
