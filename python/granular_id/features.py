@@ -8,7 +8,7 @@ import numpy as np
 
 from granular_id import _core
 from granular_id._core import FeatureSpec, GranularIdError
-from granular_id.recording import wrench_of
+from granular_id.recording import refuse_tables
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -52,8 +52,7 @@ def extract_features(
     wrench : array_like, shape (n_samples, n_axes) or (n_recordings, n_samples, n_axes)
         Force in newton and torque in newton metre, one row per instant. Six axes are the fast case, any number
         works. C-contiguous float64 is read in place; anything else is converted once. Never modified. Tables with
-        named columns, one or a list of them, are taken by name: fx fy fz tx ty tz in this order whatever their own,
-        six others and stamps are refused.
+        named columns are refused: `Dataset.from_frames` reads them.
     spec : FeatureSpec, optional
         Everything below `dtype` as one checked value. Give this or the keywords, not both.
     threads : int, optional
@@ -135,7 +134,8 @@ def extract_features(
         narrow = {np.dtype(np.float64): False, np.dtype(np.float32): True}[np.dtype(dtype)]
     except (KeyError, TypeError):
         raise TypeError(f"dtype must be float64 or float32, got {dtype!r}") from None
-    features = _core.extract_features(wrench_of(wrench), _spec(spec, keywords), threads, out)
+    refuse_tables(wrench, "wrench")
+    features = _core.extract_features(wrench, _spec(spec, keywords), threads, out)
     if out is not None or not narrow:
         return features
     with np.errstate(over="ignore"):

@@ -114,7 +114,7 @@ KINDS = {
     "__array__": Lists,
     "array interface": Interface,
     "data frame": lambda x: pd.DataFrame(x.reshape(-1, x.shape[-1])),
-    "data frame of mixed numbers": lambda x: pd.DataFrame({"a": x.ravel(), "b": np.arange(x.size)}),
+    "data frame of mixed numbers": lambda x: pd.DataFrame({0: x.ravel(), 1: np.arange(x.size)}),
     "memoryview": memoryview,
     "bytes as numbers": lambda x: np.frombuffer(x.tobytes()).reshape(x.shape),
     "array of the standard library": lambda x: (

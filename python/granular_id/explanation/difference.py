@@ -17,7 +17,7 @@ from granular_id._estimators import real_steps
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation.columns import columns_of
 from granular_id.explanation.result import Explanation
-from granular_id.recording import Dataset, common_units, samples_of, unit_of
+from granular_id.recording import Dataset, common_units, refuse_tables, unit_of
 from granular_id.spaces import (
     LINEAR_STEPS,
     BestClassifier,
@@ -114,7 +114,7 @@ def explain(
     if pair[0] == pair[1]:
         raise GranularIdError(f"first and second must be two materials, got {first!r} twice")
     known = getattr(model[0], "axes_in_", None)
-    recordings = X if isinstance(X, Dataset) else _recordings(X, known)
+    recordings = X if isinstance(X, Dataset) else _recordings(X)
     units = None if axes is None else [unit_of(axis) for axis in axes]
     if isinstance(X, Dataset):
         if y is None and all(recording.label is not None for recording in X):
@@ -181,9 +181,9 @@ def explain_held_out(
     return explanation, f"trained on {len(train)} of {len(y)} recordings{how}", split
 
 
-def _recordings(X: npt.ArrayLike, axes: Sequence[str] | None) -> npt.NDArray[Any]:
+def _recordings(X: npt.ArrayLike) -> npt.NDArray[Any]:
     if isinstance(X, (list, tuple)):
-        X, _ = samples_of(X, "X", axes)
+        refuse_tables(X, "X")
     try:
         recordings = np.asarray(X)
     except ValueError as reason:

@@ -23,7 +23,7 @@ from granular_id.identifier.model import (
     probabilities,
     synthetic_words,
 )
-from granular_id.recording import Dataset, Recording, SampleFlag, samples_of, setup_mismatch, unit_of
+from granular_id.recording import Dataset, Recording, SampleFlag, refuse_tables, setup_mismatch, unit_of
 
 FloatArray = npt.NDArray[np.float64]
 Marks = npt.NDArray[np.bool_]
@@ -504,8 +504,8 @@ def timeline_of(
             raise TypeError(
                 "recording must be one Recording or an array, got a Dataset: pass them one by one"
             )
-        samples, _ = samples_of(recording, "recording", model.axes)
-        recording = Recording(samples, rate_hz=rate_hz, axes=model.axes)
+        refuse_tables(recording, "recording")
+        recording = Recording(np.asarray(recording), rate_hz=rate_hz, axes=model.axes)
     differences = model.requirements.check(Dataset([recording]), accept)
     if recording.n_samples < n:
         raise GranularIdError(

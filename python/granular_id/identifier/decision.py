@@ -12,7 +12,7 @@ import numpy.typing as npt
 from granular_id import _core
 from granular_id._text import fixed
 from granular_id.identifier.model import TrainedModel, probabilities
-from granular_id.recording import samples_of
+from granular_id.recording import refuse_tables
 
 
 @dataclass(frozen=True)
@@ -177,8 +177,7 @@ class StreamingIdentifier:
         Parameters
         ----------
         wrench : array-like, shape (k, C) or (C,)
-            Rows in N and N m, as they come; any k, 0 included. Columns with names come into the order of the model's
-            axes.
+            Rows in N and N m, as they come; any k, 0 included.
 
         Returns
         -------
@@ -191,7 +190,7 @@ class StreamingIdentifier:
             Another shape; NaN, infinity or values too large to work with. No row was taken then.
         """
         if not isinstance(wrench, np.ndarray):  # rows come in all the time, and have no names as a rule
-            wrench, _ = samples_of(wrench, "wrench", self._model.axes)
+            refuse_tables(wrench, "wrench")
         return self.core.push(wrench)
 
     def warn(self, what: str) -> None:

@@ -18,13 +18,12 @@ from granular_id.identifier.decision import Decision, decision_of
 from granular_id.identifier.early import HeldOut, OverTime, calibrate
 from granular_id.identifier.model import RULES, TrainedModel, fingerprint, probabilities, stored_marks
 from granular_id.recording import (
-    Begin,
     Dataset,
     Recording,
     common_units,
     data_warnings,
     mixed_setup_warnings,
-    samples_of,
+    refuse_tables,
 )
 
 # What trains and adapts is imported where it is called for: it brings in scikit-learn, for which a robot that only
@@ -227,8 +226,7 @@ class Identifier(TrainedModel):
         Parameters
         ----------
         X : Dataset or array-like, shape (n, T, C) or (T, C)
-            Recordings of the length, rate, axes and units of the training. Of a Dataset these are checked. Tables with
-            named columns, one or a list of them, come into the order of `axes`; other names are refused.
+            Recordings of the length, rate, axes and units of the training. Of a Dataset these are checked.
 
         Raises
         ------
@@ -240,8 +238,8 @@ class Identifier(TrainedModel):
         if isinstance(X, Dataset):
             self.requirements.check(X)
             X = X.X
-        samples, _ = samples_of(X, "X", self.axes)
-        return self.core.scores(samples)
+        refuse_tables(X, "X")
+        return self.core.scores(X)
 
     def losses(self, X: npt.ArrayLike) -> FloatArray:
         """Mean binary loss (n, K) of each class for recordings as in `scores`: the smallest wins."""
@@ -282,8 +280,6 @@ class Identifier(TrainedModel):
         self,
         recording: Recording | npt.ArrayLike,
         *,
-        begin_at: Begin = "auto",
-        lead_s: float | None = None,
         accept: str | Sequence[str] = (),
     ) -> Decision:
         """Name the material of one recording.
@@ -291,13 +287,9 @@ class Identifier(TrainedModel):
         Parameters
         ----------
         recording : Recording, or array-like of shape (T, C)
-            An array has the length, rate and axes of the training; columns with names come into the order of `axes`.
-            A recording may be longer.
-        begin_at : {"auto", "first", "trigger"}, default "auto"
-            Where to begin in a recording: automatically at the first sample where it has the length of the model;
-            where it is longer as in the training, at its trigger (less the lead) or at the first sample.
-        lead_s : float, optional
-            Seconds kept ahead of the trigger; default: as in the training.
+            An array has the length, rate and axes of the training.
+            A recording may be longer: then the window begins as in the training, at its trigger (less the lead) or at
+            its first sample.
         accept : str or sequence of str, default ()
             What of the recording's set-up may differ from the training though it is refused otherwise: "frame",
             "transform", "sign", "units", see `granular_id.recording.Setup`.
@@ -317,13 +309,14 @@ class Identifier(TrainedModel):
         if isinstance(recording, Recording):
             data = Dataset([recording])
             differences = self.requirements.check(data, accept)
-            wrench = self.requirements.crop(data, begin_at=begin_at, lead_s=lead_s)[0].wrench
+            wrench = self.requirements.crop(data)[0].wrench
         elif isinstance(recording, Dataset):
             raise TypeError(
                 "recording must be one Recording or an array, got a Dataset: pass them one by one, or call predict"
             )
         else:
-            wrench = np.asarray(samples_of(recording, "recording", self.axes)[0], dtype=np.float64)
+            refuse_tables(recording, "recording")
+            wrench = np.asarray(recording, dtype=np.float64)
             wanted = (self.n_samples, len(self.axes))
             if wrench.shape != wanted:
                 raise GranularIdError(
@@ -381,8 +374,6 @@ class Identifier(TrainedModel):
         *,
         all_materials: bool = False,
         allow_missing: bool = False,
-        begin_at: Begin = "auto",
-        lead_s: float | None = None,
         accept: str | Sequence[str] = (),
     ) -> Identifier:
         """Return a model for another set-up (tool, mounting, zero, room), learned from recordings of it.
@@ -403,7 +394,7 @@ class Identifier(TrainedModel):
             recordings have only tell the accuracy before and after.
         allow_missing : bool, default False
             With labels, go on without some of the materials. What the others show does not carry over to these.
-        begin_at, lead_s, accept
+        accept
             As in `identify`.
 
         Returns
@@ -453,5 +444,5 @@ class Identifier(TrainedModel):
         if not isinstance(recordings, Dataset):
             raise TypeError(f"recordings must be a granular_id.Dataset, got {type(recordings).__name__}")
         differences = self.requirements.check(recordings, accept)
-        data = self.requirements.crop(recordings, begin_at=begin_at, lead_s=lead_s, over_all=False)
+        data = self.requirements.crop(recordings, over_all=False)
         return Identifier(adapted_model(self, data, labels, differences, allow_missing=allow_missing))

@@ -20,10 +20,9 @@ from granular_id.recording.columns import (
     columns_of as columns_of,
     is_unit as is_unit,
     meaning_of as meaning_of,
+    refuse_tables as refuse_tables,
     same_unit as same_unit,
-    samples_of as samples_of,
     units_by_axis as units_by_axis,
-    wrench_of as wrench_of,
 )
 from granular_id.recording.conditions import (
     SEVERE_PREFIXES as SEVERE_PREFIXES,
@@ -60,7 +59,7 @@ from granular_id.recording.report import (
     skipped_lines as skipped_lines,
     text_table as text_table,
 )
-from granular_id.recording.requirements import Begin as Begin, Requirements as Requirements
+from granular_id.recording.requirements import Requirements as Requirements
 from granular_id.recording.setup import (
     UNSTATED as UNSTATED,
     Difference as Difference,

@@ -400,59 +400,17 @@ def column_names(value: object, argument: str = "wrench") -> tuple[str, ...] | N
     raise TypeError(f"{argument} has a column with the name {other[0]!r:.80}; wanted text")
 
 
-def by_name(
-    table: Any, names: Sequence[str], argument: str, wanted: Sequence[str] | None
-) -> tuple[npt.NDArray[Any], tuple[str, ...]]:
-    """Take columns by their names: those wanted; else the six of a wrench in their order, or all as they stand."""
-    have = f"its columns are {' '.join(names)}"
-    places = {_axis(name): name for name in names}  # fx for Fx
-    if len(places) < len(names):
-        twice = next(name for name in names if name not in places.values())
-        raise GranularIdError(f"{argument} has two columns {twice!r}: {have}")
-    axes = tuple(wanted or (AXES if places.keys() == set(AXES) else names))
-    places |= {name: name for name in names}
-    missing = [axis for axis in axes if axis not in places]
-    if missing:
-        raise GranularIdError(
-            f"{argument} has no column {missing[0]!r}: {have}, wanted are {' '.join(axes)}; an array has no names: "
-            f"{argument}.to_numpy() passes for these"
-        )
-    columns = [np.asarray(table[places[axis]]) for axis in axes]
-    for axis, column in zip(axes, columns, strict=True):
-        is_clock = wanted is None and meaning_of(axis.lstrip("%# ")).what == TIME
-        is_beside = wanted is None and axis not in AXES and places.keys() >= set(AXES)
-        if is_clock or is_beside or column.dtype.kind not in "iuf" or column.ndim != 1:
+def refuse_tables(value: Any, argument: str) -> None:
+    """Refuse tables with named columns, one or several, and recordings of several shapes, where an array is wanted."""
+    several = value if isinstance(value, (list, tuple)) else ()
+    for place, one in [(argument, value), *((f"{argument}[{i}]", one) for i, one in enumerate(several))]:
+        if column_names(one, place) is not None:
             came = (
-                "a clock" if is_clock else "no force or torque" if is_beside else f"of dtype {column.dtype}"
+                f"is a {type(one).__name__} with named columns; wanted an array, whose columns have an order"
             )
-            problem = f"has the column {places[axis]!r}, which is {came}"
-            raise GranularIdError(f"{argument} {problem}: {have}; leave out those that are no axes")
-    return np.column_stack(columns), axes
-
-
-def samples_of(value: Any, argument: str, wanted: Sequence[str] | None) -> tuple[Any, tuple[str, ...] | None]:
-    """Take a table, or a list of tables, by the names of its columns; what has no names comes back as it is."""
-    names = column_names(value, argument)
-    if names is not None:
-        if wanted is not None and len(names) > len(wanted):
-            came = f"{argument} has the columns {' '.join(names)}"
-            raise GranularIdError(f"{came}, wanted are {' '.join(wanted)}: leave out the others")
-        return by_name(value, names, argument, wanted)
-    if isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1:
+            raise argument_error(TypeError, place, f"{came}: pass Dataset.from_frames(...), or .to_numpy()")
+    if several or (isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1):
         _refuse_ragged(value, argument)
-    if not isinstance(value, (list, tuple)):
-        return value, None
-    named = [k for k, item in enumerate(value) if column_names(item, f"{argument}[{k}]") is not None]
-    if not named:
-        _refuse_ragged(value, argument)
-        return value, None
-    first, axes = samples_of(value[named[0]], f"{argument}[{named[0]}]", wanted)
-    every = list(value)
-    every[named[0]] = first
-    for k in named[1:]:
-        every[k], _ = samples_of(value[k], f"{argument}[{k}]", axes)
-    _refuse_ragged(every, argument)
-    return np.stack(every), axes
 
 
 def _refuse_ragged(recordings: Iterable[Any], argument: str) -> None:
@@ -468,20 +426,3 @@ def _refuse_ragged(recordings: Iterable[Any], argument: str) -> None:
             f"{argument} must hold recordings of one shape, got {low} and {high}: cut them to one length, as "
             "Dataset.align(n_samples=...) and Dataset.windows(duration_s) do"
         )
-
-
-def wrench_of(value: Any) -> Any:
-    """Take samples, and refuse six named columns that are no wrench: their features would be named after one."""
-    samples, axes = samples_of(value, "wrench", None)
-    if axes is not None and len(axes) == len(AXES) and axes != AXES:
-        raise GranularIdError(
-            f"wrench has the columns {' '.join(axes)}; six axes are {' '.join(AXES)}: name them so, or pass "
-            "an array without names (to_numpy()), whose columns count as these"
-        )
-    return samples
-
-
-def _axis(name: str) -> str:
-    """Return fx for Fx, force_x or wrench.force.x [N]; a name that is no such axis in N or N m as it is."""
-    meaning = meaning_of(name)
-    return meaning.what if meaning.what in AXES and meaning.scale == 1 else name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,8 +20,6 @@ from granular_id.recording.setup import (
     setup_differences,
     unit_differences,
 )
-
-Begin = Literal["auto", "first", "trigger"]
 
 
 @dataclass(frozen=True)
@@ -68,46 +66,39 @@ class Requirements:
             found.update(dict.fromkeys(refuse_or_list(differences, accept, where)))
         return tuple(found)
 
-    def crop(
-        self,
-        data: Dataset,
-        *,
-        begin_at: Begin = "auto",
-        lead_s: float | None = None,
-        on_short: Literal["raise", "skip"] = "raise",
-        over_all: bool = True,
-    ) -> Dataset:
+    def crop(self, data: Dataset, *, over_all: bool = True) -> Dataset:
         """Crop recordings of the rate and axes to the length, from the first sample or the trigger less the lead on.
 
-        Automatically those of the length stay as they are, and longer ones begin as in the training. `over_all` says
-        whether answers over all of a recording would do, too.
+        Those of the length stay as they are, and longer ones begin as in the training. `over_all` says whether answers
+        over all of a recording would do, too.
         """
         n, rate_hz = self.n_samples, self.rate_hz
         lengths = [recording.n_samples for recording in data]
-        if begin_at == "auto" and set(lengths) == {n}:
+        if set(lengths) == {n}:
             return data
         short = [recording for recording in data if recording.n_samples < n]
-        if short and on_short == "raise":
+        if short:
             skip = f": call .align({n}, on_short='skip') (--duration-s {n / rate_hz:.9g} --on-error skip)"
             raise GranularIdError(
                 f"recording {short[0].name!r} has {short[0].n_samples} samples "
                 f"({short[0].n_samples / rate_hz:g} s), the model takes {n} ({n / rate_hz:g} s); {len(short)} of "
                 f"{counted(len(data))} {verb(len(short), 'is', 'are')} shorter{skip if len(short) < len(data) else ''}"
             )
-        as_trained = begin_at == "auto" and max(lengths) > n and lead_s is None and self._begins_at_first
-        if as_trained or begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):
-            cropped = data.align(n, on_short=on_short)
-            if not as_trained:
-                return cropped
+        if self._begins_at_first:
+            cropped = data.align(n)
             step = replace(cropped.history[-1], notes=["begins at the first sample, as in the training"])
             return Dataset(cropped.recordings, [*data.history, step])
-        longer = next((r for r in data if r.n_samples > n), data[0])
-        lead = self._known_lead(lead_s, longer.name, longer.n_samples, over_all=over_all)
-        if begin_at == "auto":
-            start = round(lead * rate_hz)
-            recordings = [replace(r, trigger_index=start) if r.n_samples <= n else r for r in data]
-            data = Dataset(recordings, data.history)
-        return data.align(n, trigger="recorded", lead_s=lead, on_short=on_short)
+        if self.lead_s is None:
+            longer = next(recording for recording in data if recording.n_samples > n)
+            over = ", or answer over all of it (--hop-s, .predict_over(recording))" if over_all else ""
+            raise GranularIdError(
+                f"recording {longer.name!r} has {longer.n_samples} samples, the model takes {n}, and does not know how "
+                f"much rest comes before the motion: crop recordings as those of the training, Dataset.align({n}) from "
+                f"the first sample on (--duration-s {n / rate_hz:.9g}){over}"
+            )
+        start = round(self.lead_s * rate_hz)
+        begun = [replace(r, trigger_index=start) if r.n_samples == n else r for r in data]
+        return Dataset(begun, data.history).align(n, trigger="recorded", lead_s=self.lead_s)
 
     def starts(
         self,
@@ -134,16 +125,3 @@ class Requirements:
     @property
     def _begins_at_first(self) -> bool:
         return self.lead_s is None and self.at_first
-
-    def _known_lead(self, lead_s: float | None, name: str, length: int, *, over_all: bool = True) -> float:
-        """Return the rest before the motion, seconds: stated, or that of the training."""
-        lead = self.lead_s if lead_s is None else lead_s
-        if lead is None:
-            typed = f"(--duration-s {self.n_samples / self.rate_hz:.9g})"
-            over = f", pass begin_at='first' {typed}, or answer over all of it (--hop-s, .predict_over(recording))"
-            ways = over if over_all else f" or pass begin_at='first' {typed}"
-            raise GranularIdError(
-                f"recording {name!r} has {length} samples, the model takes {self.n_samples}, and does not know how "
-                f"much rest comes before the motion: state lead_s{ways}"
-            )
-        return lead

@@ -23,9 +23,8 @@ from granular_id.recording import (
     Recording,
     column_names,
     common_units,
-    samples_of,
+    refuse_tables,
     unit_differences,
-    unit_of,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -86,8 +85,7 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         ----------
         X : Dataset, or array-like of shape (n, T, C) or (n, T)
             Recordings: n of T samples on C axes. Two dimensions are n signals of one axis. A `Dataset` (or a list of
-            `Recording`) of one length brings names and units of its axes, and its rate. A list of tables with named
-            columns is taken by name: fx fy fz tx ty tz in this order whatever their own, stamps are refused. Where
+            `Recording`) of one length brings names and units of its axes, and its rate. Where
             axes have names, `transform` wants the same.
         y : ignored
 
@@ -167,7 +165,7 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
 
     def _recordings(self, X: Any, *, reset: bool) -> tuple[FloatArray, Known]:
         """Check recordings, and with `reset` learn their shape, axes and rate; otherwise compare them."""
-        X, known = _taken(X, None if reset else self.axes_in_)
+        X, known = _taken(X)
         if reset:
             self._learn_rate(known.rate_hz)
         if len(X.shape) > 3:
@@ -298,8 +296,8 @@ def axis_series(recordings: FloatArray) -> FloatArray:
     return rows.reshape(n, n_axes, n_samples)
 
 
-def _taken(X: Any, axes: tuple[str, ...] | None) -> tuple[Any, Known]:
-    """Return the samples of what a caller passes, in the order of `axes` where it has names, and what it says."""
+def _taken(X: Any) -> tuple[Any, Known]:
+    """Return the samples of what a caller passes, and what it says of them."""
     if isinstance(X, Recording):
         raise TypeError("X must be a batch, got one Recording: pass [X]")
     if isinstance(X, (list, tuple)) and X and all(isinstance(one, Recording) for one in X):
@@ -307,16 +305,11 @@ def _taken(X: Any, axes: tuple[str, ...] | None) -> tuple[Any, Known]:
     if isinstance(X, Dataset):
         return X.X, Known(X.axes, tuple(common_units(X)), X.rate_hz, X)
     names = column_names(X, "X")
-    if names is not None:
-        if {name.strip().lower() for name in names} >= set(AXES):
-            raise GranularIdError(
-                f"X must be a batch, got one table with the columns {' '.join(names)}: pass [X]"
-            )
-        return X, Known()
-    samples, named = samples_of(X, "X", axes)
-    if not hasattr(samples, "shape"):
-        samples = np.asarray(samples)
-    return samples, Known() if named is None else Known(named, tuple(map(unit_of, named)))
+    if names is None or {name.strip().lower() for name in names} >= set(
+        AXES
+    ):  # a row of others is a recording
+        refuse_tables(X, "X")
+    return X if hasattr(X, "shape") else np.asarray(X), Known()
 
 
 BlockKind = Literal["time", "magnitude", "frequency"]

@@ -76,9 +76,9 @@ BAD = {
     "dict": ({"fx": [1.0]}, TypeError, "real numbers, got dtype object"),
     "generator": ((row for row in X), TypeError, "real numbers, got dtype object"),
     "data frame with text": (
-        pd.DataFrame({"a": [1.0], "b": ["x"]}),
-        ValueError,
-        "column 'b', which is of dtype object.*leave out those that are no axes",
+        pd.DataFrame({0: [1.0], 1: ["x"]}),
+        TypeError,
+        "wrench must hold real numbers, got dtype object",
     ),
     "ragged": ([[1.0, 2.0], [3.0]], ValueError, "wrench must be an array of real numbers, got .*list"),
     "lists of None": ([[None, 1.0]], TypeError, "real numbers, got dtype object"),

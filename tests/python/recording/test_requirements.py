@@ -39,25 +39,21 @@ def test_crop_of_longer_ones_begins_at_trigger_less_lead(sizes):
         assert np.array_equal(after.wrench, before.wrench[start : start + N])
 
 
-def test_crop_stated_beginning_comes_first():
-    data = Dataset([recording(30, trigger=8), recording(N, trigger=8)])
-    first = takes().crop(data, begin_at="first")
-    assert np.array_equal(first[0].wrench, data[0].wrench[:N])
-    (kept,) = takes().crop(data, begin_at="trigger", lead_s=0.02, on_short="skip")
-    assert np.array_equal(kept.wrench, data[0].wrench[6:26])
-    with pytest.raises(ValueError, match="'r20' is too short"):
-        takes().crop(data, begin_at="trigger")
-
-
 def test_crop_begins_at_first_sample_where_training_did():
     data = Dataset([recording(30, trigger=8), recording(N)])
     cropped = takes(None, at_first=True).crop(data)
     assert [r.wrench.tolist() for r in cropped] == [r.wrench[:N].tolist() for r in data]
     assert cropped.history[-1].notes == ("begins at the first sample, as in the training",)
     assert cropped.history[-1].totals["dropped_samples"] == 10
-    # All had the same lead, whatever cropped them; or it is stated.
-    for known, lead_s in ((takes(at_first=True), None), (takes(None, at_first=True), 0.05)):
-        assert np.array_equal(known.crop(data, lead_s=lead_s)[0].wrench, data[0].wrench[3:23])
+    # All had the same lead, whatever cropped them.
+    assert np.array_equal(takes(at_first=True).crop(data)[0].wrench, data[0].wrench[3:23])
+
+
+def test_crop_without_a_lead_says_what_to_call():
+    data = Dataset([recording(30, trigger=8), recording(N)])
+    with pytest.raises(ValueError, match=r"how much rest .* Dataset\.align\(20\)"):
+        takes(None).crop(data)
+    assert takes(None).crop(data.align(N)).X.shape == (2, N, 6)
 
 
 @pytest.mark.parametrize(
@@ -70,24 +66,12 @@ def test_crop_begins_at_first_sample_where_training_did():
         ),
         ([recording(12)], takes(), r"1 of 1 recording is shorter$"),
         ([recording(30)], takes(), r"has no trigger_index: 'r30'; call .find_onsets\(\)"),
-        (
-            [recording(30, 9)],
-            takes(None),
-            "'r30' has 30 samples, the model takes 20, and does not know how much rest",
-        ),
         ([recording(30, 2)], takes(), "begins 3 samples too late for the lead"),
     ],
 )
 def test_crop_of_what_does_not_fit_is_refused(data, known, message):
     with pytest.raises(ValueError, match=message):
         known.crop(Dataset(data))
-
-
-def test_crop_leaves_out_what_does_not_fit_where_asked():
-    data = Dataset([recording(N), recording(12), recording(30), recording(31, 9)])
-    kept = takes().crop(data, on_short="skip")
-    assert kept.names == ("r20", "r31")
-    assert {row["name"] for row in kept.history[-1].rows if "skipped" in row} == {"r12", "r30"}
 
 
 TWO_AXES = Recording(np.ones((N, 2)), rate_hz=100, axes=("fx", "fy"), name="x")

@@ -49,8 +49,8 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
         lift = (share - chance) / max(1 - chance, 1e-12)
         if lift >= STRONG and p <= max(FALSE_ALARM_RATE / 2, 1 / (N_SHUFFLES + 1)):
             named = f"the {what} alone names {100 * share:.0f} % of the labels (chance {100 * chance:.0f} %)"
-            values_found = {"share": share, "chance": chance, "p": p}
-            yield data.finding("warning", f"leak-{what}", f"{named}: {_WHY[what]}", **values_found)
+            message = f"{named}: {_WHY[what]}"
+            yield data.finding("warning", f"leak-{what}", message, share=share, chance=chance, p=p)
             return
 
 
