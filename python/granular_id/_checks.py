@@ -275,8 +275,3 @@ def thaw(value: Any) -> Any:
     if isinstance(value, tuple):
         return [thaw(item) for item in value]
     return value
-
-
-def all_finite(values: NDArray[Any]) -> bool:
-    """Whether an array has neither NaN nor infinity."""
-    return bool(np.isfinite(values).all())

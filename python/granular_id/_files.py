@@ -20,32 +20,15 @@ from granular_id._core import GranularIdError
 JSON, PAGES, TABLES, MODELS = (".json",), (".html", ".htm"), (".csv",), (".safetensors",)
 """Endings of the kinds of files that are written here, besides pictures and recordings."""
 
-RECORDINGS = (
-    *(
-        ".csv",
-        ".tsv",
-        ".csv.gz",
-        ".tsv.gz",
-        ".txt.gz",
-        ".lvm",
-        ".dat",
-        ".npz",
-        ".npy",
-        ".mat",
-        ".h5",
-        ".hdf5",
-        ".parquet",
-    ),
-    *(".mcap", ".bag", ".db3"),
-)
+_TEXTS = (".csv", ".tsv", ".csv.gz", ".tsv.gz", ".txt.gz", ".lvm", ".dat")
+_ARRAYS = (".npz", ".npy", ".mat", ".h5", ".hdf5", ".parquet")
+RECORDINGS = (*_TEXTS, *_ARRAYS, ".mcap", ".bag", ".db3")
 """Endings of what is read as recordings: those of `granular_id.io.formats` but .txt, as reports are texts, too."""
 
 PICTURES = (".png", ".svg", ".pdf")
 
-_KNOWN = (
-    *(*JSON, *PAGES, *TABLES, *MODELS, *RECORDINGS, *PICTURES),
-    *(".rrd", ".jsonl", ".ndjson", ".eps", ".jpg", ".jpeg"),
-)
+_OTHERS = (".rrd", ".jsonl", ".ndjson", ".eps", ".jpg", ".jpeg")
+_KNOWN = (*JSON, *PAGES, *TABLES, *MODELS, *RECORDINGS, *PICTURES, *_OTHERS)
 
 
 def refuse_other_kind(path: str | os.PathLike[str], endings: Sequence[str]) -> None:

@@ -19,7 +19,6 @@ from sklearn.base import clone
 from sklearn.metrics import confusion_matrix
 from sklearn.pipeline import Pipeline
 
-from granular_id._checks import all_finite
 from granular_id._core import GranularIdError
 from granular_id._estimators import convergence_warnings, learns, named_errors, seeded_clone
 from granular_id._parallel import in_threads, single_threaded_blas
@@ -267,7 +266,7 @@ def _checked(name: str, values: Any, rows: Codes) -> Floats:
     features = np.asarray(values, dtype=np.float64)
     if features.ndim != 2:
         raise GranularIdError(f"feature space {name!r} must give an array (n, D), got shape {features.shape}")
-    if not all_finite(features):
+    if not np.isfinite(features).all():
         row, column = np.argwhere(~np.isfinite(features))[0].tolist()
         raise GranularIdError(
             f"feature space {name!r} must give finite features, got {features[row, column]} in column {column} "

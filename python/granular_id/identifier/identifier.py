@@ -157,7 +157,7 @@ class Identifier(TrainedModel):
         refuses = checked_flag("estimate", estimate) and share_known is not None
         beside = training.background_of(data, background, has_use=refuses)
         units, whole = common_units(data), data
-        data = data if beside is None else data.select(where=lambda r: r.label not in background)
+        data = data if beside is None else data[[r.label not in background for r in data]]
         split = training.split_of(data, by, random_state, estimate=estimate)
         name, pipeline = training.pipeline_of(space, data.rate_hz, threads)
         training.refuse_large(pipeline, split.n_classes, data.X)

@@ -213,7 +213,10 @@ def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, rep
 
 
 def uniform_rate(time_s: FloatArray, resolution_s: float = 0.0) -> float | None:
-    """Find the rate of evenly spaced stamps, each off by `resolution_s` at most: the shortest number that fits all."""
+    """Find the rate of evenly spaced stamps, each off by `resolution_s` at most: the shortest number that fits all.
+
+    Where a round figure is near, it is meant: one of at most two digits, or of 125, 375, 625, 875.
+    """
     if len(time_s) < 2:
         return None
     mean = (len(time_s) - 1) / float(time_s[-1])
@@ -222,18 +225,13 @@ def uniform_rate(time_s: FloatArray, resolution_s: float = 0.0) -> float | None:
     for digits in range(1, 18):
         rate = float(f"{mean:.{digits}g}")
         if largest_offset(time_s, rate) <= UNIFORM_TOLERANCE / rate + resolution_s:
+            power = 10.0 ** (math.floor(math.log10(rate)) - 1)
+            for step in (power, 1.25 * power):
+                near = float(f"{round(rate / step) * step:.6g}")
+                if abs(rate / near - 1) <= ROUND_TOLERANCE:
+                    return near
             return rate
     return None
-
-
-def round_rate(rate_hz: float) -> float:
-    """Return the round figure that a rate is meant to be, if one is near: at most two digits, or 125, 375, 625, 875."""
-    power = 10.0 ** (math.floor(math.log10(rate_hz)) - 1)
-    for step in (power, 1.25 * power):
-        near = float(f"{round(rate_hz / step) * step:.6g}")
-        if abs(rate_hz / near - 1) <= ROUND_TOLERANCE:
-            return near
-    return rate_hz
 
 
 def largest_offset(time_s: FloatArray, rate_hz: float) -> float:
@@ -284,8 +282,7 @@ def rate_of(
         return known_hz, None
     if stated_hz is not None:
         return stated_hz, _ignored_clock(time_s, steps, stated_hz)
-    rate = uniform_rate(time_s, resolution_s=stamps.resolution_s)
-    return (None if rate is None else round_rate(rate)), None
+    return uniform_rate(time_s, resolution_s=stamps.resolution_s), None
 
 
 def _ignored_clock(time_s: FloatArray, steps: FloatArray, rate_hz: float) -> str:

@@ -16,7 +16,7 @@ from granular_id.recording.checks import Finding
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.onset import ONSET_STEP
 from granular_id.recording.recording import single_values, unit_of
-from granular_id.recording.setup import Setup, mixed_setups, unit_differences
+from granular_id.recording.setup import Setup, quoted, taken_off, unit_differences, values_in
 
 
 def setups_in(data: Dataset) -> list[Setup]:
@@ -48,7 +48,14 @@ def common_units(data: Dataset) -> list[str]:
 
 def mixed_setup_warnings(data: Dataset) -> list[str]:
     """Say where recordings of one data set differ in their frame, or in what was taken off them, one line each."""
-    return [f"warning: recordings differ in their {line}" for line in mixed_setups(setups_in(data))]
+    known = values_in(setups_in(data))
+    follows = dict.fromkeys(("frame", "transform", "sign"), "nothing is turned")
+    follows |= dict.fromkeys(("compensated", *taken_off(known)), "their forces do not count from one zero")
+    return [
+        f"warning: recordings differ in their {name}: {', '.join(map(quoted, values))}; {what}"
+        for name, what in follows.items()
+        if len(values := known.get(name, ())) > 1
+    ]
 
 
 SEVERE_PREFIXES = ("error: ", "warning: ")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -268,7 +268,6 @@ class Dataset:
         sessions: str | Sequence[str] | None = None,
         indices: ArrayLike | None = None,
         *,
-        where: Callable[[Recording], bool] | None = None,
         axes: Sequence[str] | None = None,
     ) -> Dataset:
         """Keep the recordings that meet every condition given, and of their axes those named.
@@ -278,9 +277,8 @@ class Dataset:
         labels, sessions : str or sequence of str, optional
             Labels and sessions to keep; one that does not occur is a ValueError.
         indices : array_like of int or bool, optional
-            Recordings to keep, in this order (int), or a mask, shape (n,).
-        where : callable, optional
-            Gets a recording and says whether it is kept: ``lambda r: r.meta["speed_m_s"] < 0.05``.
+            Recordings to keep, in this order (int), or a mask, shape (n,), as in
+            ``data[[r.meta["speed_m_s"] < 0.05 for r in data]]``.
         axes : sequence of str, optional
             Axes to keep, in this order.
 
@@ -293,7 +291,7 @@ class Dataset:
         TypeError, ValueError, IndexError
             Indices that are none, or out of range; a label or session that does not occur; nothing left.
         """
-        return self._after(select_recordings(self.recordings, labels, sessions, indices, where, axes))
+        return self._after(select_recordings(self.recordings, labels, sessions, indices, axes))
 
     def resample(
         self,

@@ -230,17 +230,6 @@ class Payload:
         except (ValueError, TypeError, RecursionError) as error:
             raise GranularIdError(f"{os.fspath(path)}: no payload: {error}") from error
 
-    def __str__(self) -> str:
-        centre = ", ".join(f"{1000 * c:.1f}" for c in self.centre_of_mass_m)
-        known = f"{self.mass_kg:.4g} kg at ({centre}) mm"
-        if self.residual is None or self.condition is None:
-            return known
-        left = _rms(self.residual[:3]), _rms(self.residual[3:])
-        return (
-            f"{known}, from {counted(self.n_rests or 0, 'rest')}: condition number {self.condition:.2g}, residual "
-            f"{left[0]:.2g} N, {left[1]:.2g} N m"
-        )
-
 
 def _loaded_samples(recording: Recording) -> FloatArray:
     """Return the samples of a recording, of which no earlier step and not its source took the weight off."""

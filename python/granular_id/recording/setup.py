@@ -48,10 +48,11 @@ class Difference:
     consequence: Literal["refuse", "warn"]
 
     def __str__(self) -> str:
-        return f"{self.name} {_quoted(self.now)}, in training {' or '.join(map(_quoted, self.trained))}"
+        return f"{self.name} {quoted(self.now)}, in training {' or '.join(map(quoted, self.trained))}"
 
 
-def _quoted(value: str) -> str:
+def quoted(value: str) -> str:
+    """Return a value as it is shown."""
     return value if value == UNSTATED else repr(value)
 
 
@@ -175,7 +176,7 @@ def values_in(setups: Iterable[Setup]) -> dict[str, list[str]]:
     for value in known["payload"]:
         payloads += [] if _agrees("payload", value, payloads) else [value]
     known["payload"] = payloads
-    for name in _taken_off(known):
+    for name in taken_off(known):
         known[name] += [UNSTATED] * (None in found[name])
     return {name: values for name, values in known.items() if 0 < len(values) <= _MOST_VALUES}
 
@@ -183,7 +184,7 @@ def values_in(setups: Iterable[Setup]) -> dict[str, list[str]]:
 _TAKEN_OFF = ("tare", "payload")
 
 
-def _taken_off(known: Mapping[str, Sequence[str]]) -> set[str]:
+def taken_off(known: Mapping[str, Sequence[str]]) -> set[str]:
     """Name what says that a step took something off samples: who does not say it has samples that hold it."""
     tared = "rest" in known.get("tare", ())
     compensated = bool(known.get("payload")) and "yes" in known.get("compensated", ())
@@ -215,7 +216,7 @@ def setup_differences(trained: Mapping[str, Sequence[str]], now: Setup) -> list[
     """Compare what the recordings of a training had, as `values_in` gives it, with a set-up."""
     same_sensor = now.serial is not None and now.serial in trained.get("serial", ())
     own = values_in([now])
-    off = _taken_off(trained) | _taken_off(own)
+    off = taken_off(trained) | taken_off(own)
     if list(trained.get("tare", ())) == list(own.get("tare", ())) == ["rest"]:
         off -= {"payload"}  # a tare took the weight off where no payload did
     before, after = _with_unstated(trained, off), _with_unstated(own, off)
@@ -234,18 +235,6 @@ def unit_differences(trained: Mapping[str, str], meta: Mapping[str, Any]) -> lis
         Difference("units", (f"{axis}: {unit}",), f"{axis}: {now}", "refuse")
         for axis, unit in trained.items()
         if (now := unit_of(axis, meta)) and not same_unit(now, unit) and unit
-    ]
-
-
-def mixed_setups(setups: Iterable[Setup]) -> list[str]:
-    """Say in which frames they are, or what was taken off some of them, where that is not the same in all."""
-    known = values_in(setups)
-    follows = dict.fromkeys(("frame", "transform", "sign"), "nothing is turned")
-    follows |= dict.fromkeys(("compensated", *_taken_off(known)), "their forces do not count from one zero")
-    return [
-        f"{name}: {', '.join(map(_quoted, values))}; {what}"
-        for name, what in follows.items()
-        if len(values := known.get(name, ())) > 1
     ]
 
 

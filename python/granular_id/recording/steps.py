@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from granular_id._checks import argument_error, checked_choice, finite_number, thaw, whole_number
 from granular_id._core import GranularIdError
 from granular_id._text import counted, fixed
-from granular_id.recording.clock import round_rate, samples_in, uniform_rate
+from granular_id.recording.clock import samples_in, uniform_rate
 from granular_id.recording.recording import Recording, SampleFlag, common_axes, common_rate
 from granular_id.recording.report import StepReport, first_names, subject
 
@@ -24,7 +24,6 @@ def select_recordings(
     labels: str | Sequence[str] | None,
     sessions: str | Sequence[str] | None,
     indices: ArrayLike | None,
-    where: Callable[[Recording], bool] | None,
     axes: Sequence[str] | None,
 ) -> tuple[list[Recording], StepReport]:
     """Keep what meets every condition; see :meth:`Dataset.select`, which calls this."""
@@ -41,11 +40,6 @@ def select_recordings(
             missing = first_names(sorted(map(repr, values - present)), 20)
             raise GranularIdError(f"{name}s: no recording has {missing}; there are {there}")
         kept = [i for i in kept if getattr(recordings[i], name) in values]
-    if where is not None:
-        if not callable(where):
-            raise TypeError(f"where must be callable, got {type(where).__name__}")
-        parameters["where"] = "given"
-        kept = [i for i in kept if where(recordings[i])]
     if not kept:
         problem = "no index is given, or the conditions exclude each other"
         raise GranularIdError(f"select() leaves no recording: {problem}")
@@ -252,7 +246,7 @@ def _between_gaps(recording: Recording, begin: int, end: int) -> Recording:
         begin,
         end,
         begin_s,
-        rate_hz=None if rate is None else round_rate(rate),
+        rate_hz=rate,
         time_s=time_s if rate is None else None,
         name=f"{recording.name} @ {round(begin_s, 6):.12g} s".strip(),
     )

@@ -14,7 +14,7 @@ from sklearn.pipeline import FeatureUnion, Pipeline
 from sklearn.utils import Tags
 from sklearn.utils.validation import _check_feature_names_in, check_is_fitted, validate_data
 
-from granular_id._checks import all_finite, argument_error, positive_number
+from granular_id._checks import argument_error, positive_number
 from granular_id._core import AXES, GranularIdError
 from granular_id._estimators import real_steps
 from granular_id.features import FeatureSpec, extract_features, feature_names
@@ -189,7 +189,7 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             raise GranularIdError(
                 f"X must have at least one sample and at least one axis, got shape {values.shape}"
             )
-        if not all_finite(values):
+        if not np.isfinite(values).all():
             recording, sample, axis = np.argwhere(~np.isfinite(values))[0].tolist()
             value = f"{values[recording, sample, axis]}".replace("nan", "NaN")
             raise GranularIdError(

@@ -11,7 +11,7 @@ from scipy.signal import firwin
 
 from granular_id.io import load
 from granular_id.recording import Dataset, Recording, SampleFlag
-from granular_id.recording.clock import round_rate, time_order, uniform_rate
+from granular_id.recording.clock import time_order, uniform_rate
 from granular_id.recording.columns import TableError
 from granular_id.recording.resampling import MAX_SAMPLES
 
@@ -266,8 +266,9 @@ def test_uniform_stamps_give_back_their_rate(rate, n, start):
     stamps = start + np.arange(n) / rate
     found = uniform_rate(stamps - stamps[0], resolution_s=np.spacing(stamps[-1]))
     assert found is not None
-    # the shortest number that fits: it may only differ by what moves the last stamp a hundredth of a step
-    assert abs(found / rate - 1) <= (0.02 + 4 * np.spacing(stamps[-1]) * rate) / (n - 1)
+    # the shortest number that fits: it may only differ by what moves the last stamp a hundredth of a step, or is round
+    near = (0.02 + 4 * np.spacing(stamps[-1]) * rate) / (n - 1)
+    assert abs(found / rate - 1) <= max(near, 0.001 + 1e-9)
     if n > 1000 and start < 1e8 and rate != 1 / 3:
         assert found == rate
 
@@ -279,7 +280,7 @@ def test_uneven_stamps_are_uniform_only_where_a_rate_fits(steps):
     if rate is None:
         assert len(set(steps)) > 1
     else:
-        assert np.abs(times - np.arange(len(times)) / rate).max() <= 0.01 / rate
+        assert np.abs(times - np.arange(len(times)) / rate).max() <= 0.01 / rate + 1e-3 * times[-1]
 
 
 @given(ticks=st.lists(st.integers(0, 12), min_size=1, max_size=30))
@@ -312,7 +313,7 @@ def test_time_order_sorts_merges_equal_rows_and_averages_none(ticks):
     ],
 )
 def test_rates_near_a_round_figure_are_that_figure(rate, figure):
-    assert round_rate(rate) == figure
+    assert uniform_rate(np.arange(20_000) / rate) == figure
 
 
 # Logs with pauses.
