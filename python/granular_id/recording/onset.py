@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -29,13 +29,11 @@ ONSET_STEP = "find_onsets"
 _ORDER = ("not found", "overruled", "found", "kept")  # as rows of a report: what needs a look comes first
 
 
-@dataclass(frozen=True)
-class Onset:
+class Onset(NamedTuple):
     """Where the motion of one recording begins; no index, and why there is none."""
 
     index: int | None
     axes: tuple[str, ...] = ()  # that carry the change, the strongest first
-    strength: float = 0.0  # largest change around the onset, or anywhere, over the smallest that counts
     why: str = ""
 
 
@@ -75,12 +73,12 @@ def find_onset(recording: Recording, rest: int, rate: float) -> Onset:
     by_axis, joint = _changes(samples, noise, rest, window, rate)
     passed = np.flatnonzero(joint > 1)
     if not len(passed):
-        return Onset(None, (), float(joint.max()), _why_not(samples, noise, rest, window, recording))
+        return Onset(None, why=_why_not(samples, noise, rest, window, recording))
     first = int(passed[0])
     own = by_axis[first : first + _SPAN * window].max(axis=0)
     carrying = tuple(axes[c] for c in np.argsort(-own) if own[c] > 1)
     index = _beginning(samples, by_axis[first] > 1, noise.shared, rest + first, rest, window)
-    return Onset(index, carrying, float(joint[first : first + rest].max()))
+    return Onset(index, carrying)
 
 
 # Factor on Satterthwaite's degrees of freedom. False alarms come from the lower tail of an estimate, and that is
@@ -319,9 +317,12 @@ def find_all_onsets(
             rest = _rest_samples(seconds, recording.rate_hz or 0.0)
             if recording.flags is not None and (recording.flags[:rest] & SampleFlag.GAP_FILLED).any():
                 filled.append(recording.name)
-            index, axes, strength, why = astuple(find_onset(recording, rest, rate))
-            found = {"how": "found", "strength": round(strength, 2), "axes": " ".join(axes)}
-            row = {"how": "not found", "why": why} if index is None else found
+            index, axes, why = find_onset(recording, rest, rate)
+            row = (
+                {"how": "not found", "why": why}
+                if index is None
+                else {"how": "found", "axes": " ".join(axes)}
+            )
         onset_s = None if index is None else float(recording.times()[index])
         rows.append({"name": recording.name, "onset_s": onset_s, **row})
         unchanged = index == recording.trigger_index

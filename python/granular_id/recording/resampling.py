@@ -28,6 +28,9 @@ def step_s(recording: Recording, pick: Callable[[FloatArray], Any]) -> float:
 MAX_SAMPLES = 10_000_000
 _GRID_SLACK = 1e-9
 
+_Curve = Callable[[Recording, FloatArray], FloatArray]
+"""What gives samples of a recording at other times."""
+
 
 def resample_recordings(
     recordings: Sequence[Recording],
@@ -52,10 +55,14 @@ def resample_recordings(
         elif recording.rate_hz == rate:
             results.append(recording)
         else:
-            lower = _is_lower(recording, rate)
-            if lower and recording.rate_hz is None and not _is_even(recording):
+            lower = (
+                _FROM * rate * recording.duration_s < recording.n_samples - 1
+            )  # it can hold what is taken off
+            curve: _Curve = _on_spline if recording.rate_hz is not None else _band_limited
+            if recording.rate_hz is None and lower and not _is_even(recording):
                 uneven.append(recording.name)
-            result, inserted = _resample_one(recording, rate, lower)
+                curve = _on_lines
+            result, inserted = _resample_one(recording, rate, curve if lower else None)
             results.append(result)
             changed.append(
                 {
@@ -108,8 +115,8 @@ def _gap_message(recording: Recording, recordings: Sequence[Recording], limit: f
     )
 
 
-def _resample_one(recording: Recording, rate: float, lower: bool) -> tuple[Recording, int]:
-    """Return the recording at the new rate and how many samples lie inside gaps."""
+def _resample_one(recording: Recording, rate: float, curve: _Curve | None) -> tuple[Recording, int]:
+    """Return the recording at the new rate, a lower one by a curve, and how many samples lie inside gaps."""
     n_samples = np.floor(recording.duration_s * rate + _GRID_SLACK) + 1
     if n_samples > MAX_SAMPLES:
         problem = (
@@ -134,7 +141,7 @@ def _resample_one(recording: Recording, rate: float, lower: bool) -> tuple[Recor
     trigger = recording.trigger_index
     result = replace(
         recording,
-        wrench=_low_passed(recording, grid, rate) if lower else _on_lines(recording, grid),
+        wrench=_low_passed(recording, grid, rate, curve) if curve else _on_lines(recording, grid),
         rate_hz=rate,
         time_s=None,
         trigger_index=None if trigger is None else min(round(float(times[trigger]) * rate), len(grid) - 1),
@@ -165,11 +172,6 @@ _EVEN, _EVEN_STEPS = 0.99, (0.25, 2.0)
 _DEGREE = 7  # of the spline
 
 
-def _is_lower(recording: Recording, rate: float) -> bool:
-    """Whether a recording can hold, by its rate on average, what the low-pass takes off."""
-    return _FROM * rate * recording.duration_s < recording.n_samples - 1
-
-
 def _is_even(recording: Recording) -> bool:
     """Whether an irregular recording is one of a rate, its stamps but off by part of a step."""
     if recording.n_samples <= _DEGREE:
@@ -179,7 +181,7 @@ def _is_even(recording: Recording) -> bool:
     return float(np.mean((steps >= least) & (steps <= most))) >= _EVEN
 
 
-def _low_passed(recording: Recording, grid: FloatArray, rate: float) -> FloatArray:
+def _low_passed(recording: Recording, grid: FloatArray, rate: float, curve: _Curve) -> FloatArray:
     """Return samples at a lower rate, through a symmetric low-pass that delays nothing."""
     from scipy.signal import firwin, resample_poly  # heavy to import, and only a lower rate needs it
 
@@ -189,14 +191,9 @@ def _low_passed(recording: Recording, grid: FloatArray, rate: float) -> FloatArr
         if abs(float(ratio) * recording.rate_hz / rate - 1) < _GRID_SLACK:
             up, down = ratio.numerator, ratio.denominator
     if down == 1:
-        is_jittered = recording.rate_hz is None and _is_even(recording)
         steps = (recording.n_samples - 1) / recording.duration_s / rate
-        down = math.ceil(steps if is_jittered else _FINER * steps)
-        fine = np.arange((len(grid) - 1) * down + 1) / (rate * down)
-        if is_jittered:
-            wrench = _band_limited(recording, fine)
-        else:
-            wrench = (_on_lines if recording.rate_hz is None else _on_spline)(recording, fine)
+        down = math.ceil(steps if curve is _band_limited else _FINER * steps)
+        wrench = curve(recording, np.arange((len(grid) - 1) * down + 1) / (rate * down))
     if len(wrench) == 1:
         return wrench  # there is no line through one point to pad along
     low_pass = firwin(2 * _HALF_LENGTH * down + 1, _EDGE / down, window=("kaiser", _KAISER))

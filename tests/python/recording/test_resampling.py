@@ -9,7 +9,6 @@ from hypothesis import given, strategies as st
 from scipy.interpolate import make_interp_spline
 from scipy.signal import firwin
 
-from granular_id.io import load
 from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.recording.clock import time_order, uniform_rate
 from granular_id.recording.columns import TableError
@@ -116,20 +115,6 @@ def test_flags_trigger_and_names_carry_over():
     assert out.trigger_index == 7
     # at 0.15 and 0.25 and 0.30 the saturated sample is a neighbour; at 0.2 it is the sample itself
     assert out.flags.tolist() == [0, 0, 0, 2, 2, 2, 2, 0, 0]
-
-
-def test_missing_rows_are_a_gap_that_is_filled_and_flagged(data_dir):
-    whole = load(data_dir / "cases" / "12_dropouts" / "rice" / "rows_missing_instead.csv")
-    data = whole.resample(500)
-    (recording,) = data
-    filled = np.flatnonzero(recording.flags & SampleFlag.GAP_FILLED)
-    assert filled.tolist() == list(range(filled[0], filled[0] + 4))
-    measured = np.delete(np.arange(recording.n_samples), filled)
-    np.testing.assert_allclose(recording.wrench[measured], whole[0].wrench, atol=1e-9)
-    ends = recording.wrench[[filled[0] - 1, filled[-1] + 1]]
-    np.testing.assert_allclose(
-        recording.wrench[filled], ends[0] + np.outer(np.arange(1, 5) / 5, ends[1] - ends[0])
-    )
 
 
 # A lower rate.
@@ -357,18 +342,3 @@ def test_split_keeps_what_has_no_gap_and_refuses_what_is_none():
     assert list(Dataset(sound).split(1)) == sound
     with pytest.raises(ValueError, match="gap_s"):
         Dataset(sound).split(0)
-
-
-def test_the_log_of_three_pushes_gives_three_recordings(data_dir):
-    """Its refusal says so, and no window of it is without a measured sample."""
-    data = load(data_dir / "cases" / "07_log_with_pauses")
-    with pytest.raises(ValueError, match=r"call \.split\(gap_s=0\.25\)"):
-        data.resample(500)
-    pushes = data.split(1)
-    assert [sum(r.label == label for r in pushes) for label in data.labels] == [3, 3]
-    assert pushes.resample(500).rate_hz == 500
-    whole = data.resample(500, max_gap_s=None).windows(0.2)
-    assert not any((r.flags & SampleFlag.GAP_FILLED).all() for r in whole if r.flags is not None)
-    assert whole.history[-1].totals["windows_without_a_measured_sample"] > 100
-    every = [flags for r in data.resample(500, max_gap_s=None) if (flags := r.flags) is not None]
-    assert len(every) == 2
