@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -29,7 +29,8 @@ ONSET_STEP = "find_onsets"
 _ORDER = ("not found", "overruled", "found", "kept")  # as rows of a report: what needs a look comes first
 
 
-class Onset(NamedTuple):
+@dataclass(frozen=True)
+class Onset:
     """Where the motion of one recording begins; no index, and why there is none."""
 
     index: int | None
@@ -317,12 +318,10 @@ def find_all_onsets(
             rest = _rest_samples(seconds, recording.rate_hz or 0.0)
             if recording.flags is not None and (recording.flags[:rest] & SampleFlag.GAP_FILLED).any():
                 filled.append(recording.name)
-            index, axes, why = find_onset(recording, rest, rate)
-            row = (
-                {"how": "not found", "why": why}
-                if index is None
-                else {"how": "found", "axes": " ".join(axes)}
-            )
+            found = find_onset(recording, rest, rate)
+            index, row = found.index, {"how": "found", "axes": " ".join(found.axes)}
+            if index is None:
+                row = {"how": "not found", "why": found.why}
         onset_s = None if index is None else float(recording.times()[index])
         rows.append({"name": recording.name, "onset_s": onset_s, **row})
         unchanged = index == recording.trigger_index
