@@ -80,17 +80,12 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def durable_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Write a file as `whole_file` does, which survives the loss of power, too."""
+    """Write a file as `whole_file` does, which survives the loss of power, its name too."""
     with whole_file(path) as draft:
         yield draft
         _sync(draft, os.O_RDWR)
-    sync_folder(Path(path).parent)
-
-
-def sync_folder(folder: Path) -> None:
-    """Wait until names of files are on the disk, where that can be asked for."""
     if os.name == "posix":  # elsewhere folders cannot be opened
-        _sync(folder, os.O_RDONLY)
+        _sync(Path(path).parent, os.O_RDONLY)
 
 
 def _sync(path: Path, how: int) -> None:

@@ -26,6 +26,7 @@ from granular_id.recording.columns import (
 )
 from granular_id.recording.conditions import (
     SEVERE_PREFIXES as SEVERE_PREFIXES,
+    Requirements as Requirements,
     common_units as common_units,
     condition_of as condition_of,
     data_warnings as data_warnings,
@@ -44,7 +45,7 @@ from granular_id.recording.conversion import (
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.frames import names_in as names_in
 from granular_id.recording.onset import ONSET_STEP as ONSET_STEP
-from granular_id.recording.payload import Payload, gravity_in as gravity_in
+from granular_id.recording.payload import Payload
 from granular_id.recording.recording import (
     AXIS_COLOURS as AXIS_COLOURS,
     Recording,
@@ -59,7 +60,6 @@ from granular_id.recording.report import (
     skipped_lines as skipped_lines,
     text_table as text_table,
 )
-from granular_id.recording.requirements import Requirements as Requirements
 from granular_id.recording.setup import (
     UNSTATED as UNSTATED,
     Difference as Difference,
@@ -80,7 +80,6 @@ from granular_id.recording.summary import (
     headline as headline,
 )
 from granular_id.recording.wrench import (
-    GRAVITY as GRAVITY,
     TARE_S as TARE_S,
     rest_zero as rest_zero,
     transform,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -292,15 +292,12 @@ def _directions(gravity: ArrayLike) -> FloatArray:
     return result
 
 
-def gravity_in(entry: Mapping[str, Any]) -> Any:
-    """Return where gravity points by a line of a table or metadata; None where they do not say it."""
-    apart = [entry.get(name) for name in GRAVITY]
-    return entry.get("gravity") if None in apart else [float(str(value)) for value in apart]
-
-
 def _stated_gravity(recordings: Sequence[Recording]) -> list[Any]:
     """Return where gravity points by the metadata of each recording."""
-    found = [gravity_in(recording.meta) for recording in recordings]
+    found = []
+    for meta in (recording.meta for recording in recordings):
+        apart = [meta.get(name) for name in GRAVITY]
+        found.append(meta.get("gravity") if None in apart else [float(str(value)) for value in apart])
     without = [r.name for r, down in zip(recordings, found, strict=True) if down is None]
     if without:
         problem = f"must be given, as the metadata of {without[0]!r} have no gravity and no gx, gy, gz"
