@@ -60,7 +60,7 @@ def _share(nearest: NDArray[np.intp], labels: NDArray[np.intp]) -> float:
 
 
 def nearest_on_a_line(values: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Return the place of the nearest other value, ties drawn; -1 where none is known, or it is not itself (NaN)."""
+    """Return the place of the nearest other value, ties drawn; -1 where it is not known (NaN), or no other is."""
     nearest = np.full(len(values), -1)
     known = np.flatnonzero(~np.isnan(values))
     if len(known) < 2:
