@@ -191,7 +191,7 @@ def test_units_differ_where_both_are_known(axis, trained, now, differs):
     assert bool(unit_differences({axis: trained}, meta)) is differs
 
 
-def test_other_units_train_nothing_and_other_axes_are_told_how_to_come_into_order(data, model):
+def test_other_units_train_nothing_other_axes_get_a_way_out(data, model):
     mixed = Dataset([*data[:6], *with_meta(data[6:], units={"tz": "N mm"})])
     with pytest.raises(ValueError, match=r"tz: N m.*tz: N mm"):
         gid.Identifier.fit(mixed, "hfmh", estimate=False)
@@ -237,7 +237,7 @@ def test_a_payload_is_not_missed_where_both_sides_are_tared():
     assert [one.name for one in plain.differences(Setup.of(COMPENSATED))] == ["tare", "payload"]
 
 
-def test_what_some_recordings_of_a_training_lack_is_no_difference(data):
+def test_what_some_recordings_of_a_training_lack_is_none(data):
     half = Dataset([*with_meta(data[:6]), *with_meta(data[6:], **TARED)])
     assert values_in(setups_in(half)) == {"tare": ["rest", "not stated"]}
     model = gid.Identifier.fit(half, "hfmh", estimate=False)

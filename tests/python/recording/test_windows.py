@@ -111,7 +111,7 @@ def test_windows_of_one_recording_are_no_witnesses_of_each_other():
     assert not [code for code in found if code.startswith("leak")]  # each recording has one label
 
 
-def test_windows_of_recordings_without_a_name_are_told_apart_and_other_entries_of_meta_stay():
+def test_windows_of_nameless_recordings_are_told_apart():
     data = Dataset([drive(name=""), drive(name="", meta={"window": "hann"})]).windows(5)
     assert data.names == ("recording 1 @ 0 s", "recording 1 @ 5 s", "recording 2 @ 0 s", "recording 2 @ 5 s")
 
@@ -153,13 +153,13 @@ def test_units_are_the_same_however_they_are_written(unit):
 
 
 @pytest.mark.parametrize("units", [("", "rad/s", "deg/s"), ("rad/s", "", "deg/s"), ("rad/s", "deg/s", "")])
-def test_recordings_of_different_units_are_refused_whichever_states_none(units):
+def test_recordings_of_different_units_are_refused(units):
     data = [drive(meta={"units": dict.fromkeys(("ax", "ay", "az"), unit)} if unit else {}) for unit in units]
     with pytest.raises(ValueError, match=r"has ax: rad/s, 'drive' has ax: deg/s"):
         common_units(Dataset(data))
 
 
-def test_windows_of_other_files_of_the_same_name_share_no_samples():
+def test_windows_of_files_of_the_same_name_share_no_samples():
     rng = np.random.default_rng(0)
     days = [Dataset([drive(wrench=rng.normal(size=(100, 3)))]).windows(5) for _ in range(2)]
     assert list(overlapping_windows(Dataset.concatenate(days).recordings)) == []
