@@ -195,39 +195,3 @@ impl Error {
 
 /// Result of an operation on a caller's input.
 pub type Result<T> = std::result::Result<T, Error>;
-
-#[cfg(test)]
-mod tests {
-    use super::{quoted, short_number, Error};
-
-    #[test]
-    fn messages_write_numbers_in_few_digits() {
-        for (value, text) in [
-            (0.0, "0"),
-            (500.0, "500"),
-            (-0.25, "-0.25"),
-            (1e15, "1000000000000000"),
-            (-1.5e300, "-1.5e300"),
-            (2e-300, "2e-300"),
-            (f64::NAN, "NaN"),
-            (f64::NEG_INFINITY, "-inf"),
-        ] {
-            assert_eq!(short_number(value), text);
-        }
-    }
-
-    #[test]
-    fn messages_name_the_range() {
-        let message = |got, range| Error::check_range("order", got, range).unwrap_err().to_string();
-        assert_eq!(message(33, 1..=32), "order must be from 1 to 32, got 33");
-        assert_eq!(message(0, 1..=usize::MAX), "order must be at least 1, got 0");
-        assert_eq!(Error::check_range("order", 32, 1..=32), Ok(()));
-    }
-
-    #[test]
-    fn long_texts_are_cut() {
-        assert_eq!(quoted(&"x".repeat(40)), format!("'{}'", "x".repeat(40)));
-        assert_eq!(quoted(&"é".repeat(41)), format!("'{}'...", "é".repeat(40)));
-        assert_eq!(quoted("a\u{1b}b"), "'a\\u{1b}b'");
-    }
-}

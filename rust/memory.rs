@@ -23,16 +23,3 @@ pub fn collected<T>(values: impl ExactSizeIterator<Item = T>) -> Result<Vec<T>> 
     all.extend(values);
     Ok(all)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn more_memory_than_there_is_is_refused() {
-        assert_eq!(filled(0.5, 3), Ok(vec![0.5; 3]));
-        assert_eq!(collected([1, 2].into_iter()), Ok(vec![1, 2]));
-        let error = Error::Memory { bytes: usize::MAX };
-        assert_eq!(filled(0.0, usize::MAX), Err(error));
-    }
-}

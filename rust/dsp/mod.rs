@@ -4,12 +4,10 @@ mod butterworth;
 mod histogram;
 mod pairing;
 mod sos;
-mod sos_state;
 mod sosfilt;
 
 pub use butterworth::{butterworth, Band, MAX_ORDER};
 pub use histogram::{Outside, UniformBins, MAX_BINS};
 pub use sos::{Section, Sos};
-pub(crate) use sos_state::biquad_step;
-pub use sos_state::SosState;
-pub use sosfilt::{sosfilt, sosfilt_from, AlongAxis};
+pub(crate) use sosfilt::biquad_step;
+pub use sosfilt::{sosfilt, sosfilt_from, AlongAxis, SosState};

@@ -27,7 +27,6 @@ macro_rules! each_vector {
 mod count;
 mod dispatch;
 mod filter;
-mod pack;
 mod simd;
 mod transpose;
 #[cfg(target_arch = "x86_64")]
@@ -36,10 +35,9 @@ mod x86;
 pub(crate) use count::{Counting, LaneBins, LaneHistograms};
 pub use dispatch::SimdPath;
 pub(crate) use filter::{Cascade, Overlap};
-pub(crate) use pack::Pack;
 #[cfg(test)]
-pub(crate) use pack::Portable;
-pub(crate) use simd::{F32x8, Job, Simd};
+pub(crate) use simd::Portable;
+pub(crate) use simd::{F32x8, Job, Pack, Simd};
 pub(crate) use transpose::{
     finish_writes, pack, prefetch, transpose6, unpack, Raw, Row, BLOCK, LANES, MAX_WIDTH,
 };

@@ -13,9 +13,8 @@ use serde_json::value::RawValue;
 use serde_json::{json, Value};
 use sha2::{Digest, Sha256};
 
-use super::json::{parsed, parsed_object, Object};
+use super::json::{parsed, parsed_object, read_multiband, read_paper, write_multiband, write_paper, Object};
 use super::metadata::{missing_entry, take, unknown_entry, Entries};
-use super::spec_json::{read_multiband, read_paper, write_multiband, write_paper};
 use super::{
     Extraction, Features, Loss, Metadata, Model, ModelError, ModelFileError, ModelParts, NoveltyParts, Tensor,
 };

@@ -24,7 +24,6 @@ mod metadata;
 mod novelty;
 mod rules;
 mod scores;
-mod spec_json;
 mod tensor;
 
 #[doc(hidden)]

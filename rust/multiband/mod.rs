@@ -20,22 +20,17 @@ mod bank;
 mod coupling;
 mod envelope;
 mod extractor;
-mod filters;
-mod quad;
 mod quantiles;
-mod resolvents;
 mod spec;
 mod spectrum;
 #[cfg(test)]
 mod tests;
-mod workspace;
 
 use crate::kernel::{Job, Simd};
 
-pub use extractor::MultiBand;
+pub use extractor::{MultiBand, Workspace};
 pub(crate) use spec::TOO_LOUD;
 pub use spec::{n_bands, Block, FrequencyBand, MultiBandSpec, Scales};
-pub use workspace::Workspace;
 
 /// The float32 nearest to a number.
 #[allow(clippy::cast_possible_truncation)] // what is asked for

@@ -235,23 +235,3 @@ impl Scales {
 pub(super) fn least_scales(bands: &[f64], n_axes: usize) -> impl Iterator<Item = f64> + '_ {
     (0..n_axes).map(move |axis| bands[axis..].iter().step_by(n_axes).copied().fold(f64::INFINITY, f64::min))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn octaves_of_short_and_long_recordings() {
-        let expected = [(1, 0), (6, 0), (7, 1), (12, 1), (13, 2), (85, 4), (1600, 9), (100_000, 14)];
-        for (n_samples, octaves) in expected {
-            assert_eq!(n_octaves(n_samples), octaves, "{n_samples}");
-        }
-        let lengths = |n_samples| bands(n_samples, 1.0).iter().map(|band| band.n_samples).collect::<Vec<_>>();
-        assert_eq!(lengths(101), [101, 101, 51, 51, 26, 13]);
-        assert_eq!(lengths(99), [99, 99, 99, 50, 25, 13]);
-        let bands = bands(1600, 500.0);
-        assert_eq!(bands.len(), 10);
-        assert_eq!((bands[1].low_hz, bands[1].high_hz, bands[2].rate_hz), (122.5, 245.0, 250.0));
-        assert_eq!((bands[9].n_samples, bands[9].rate_hz), (13, 500.0 / 128.0));
-    }
-}

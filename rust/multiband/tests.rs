@@ -4,8 +4,7 @@ use allocation_counter::measure;
 use proptest::prelude::*;
 
 use super::envelope::{self, STRETCHES};
-use super::extractor::MAX_VALUES;
-use super::workspace::MAX_POOLED;
+use super::extractor::{MAX_POOLED, MAX_VALUES};
 use super::*;
 use crate::features::MAX_SAMPLES;
 use crate::{BatchShape, Error, SimdPath};
@@ -22,15 +21,6 @@ const ALL: MultiBandSpec = MultiBandSpec {
 fn design(n_samples: usize, n_axes: usize) -> MultiBand {
     let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap();
     MultiBand::new(ALL, n_samples, n_axes, &scales).unwrap()
-}
-
-/// Asserts that features of restless signals, of many lengths and more axes than fit into a vector, are finite and have the
-/// same bits on every path.
-pub(super) fn same_on_every_path(compute: impl Fn(SimdPath, &Signals) -> Vec<f64>) {
-    let signals = Signals::new(&[1000, 1000, 500, 61, 9, 1], 7);
-    let all: Vec<_> = SimdPath::available().into_iter().map(|path| compute(path, &signals)).collect();
-    assert!(all[0].iter().all(|x| x.is_finite()));
-    assert!(all.windows(2).all(|pair| pair[0] == pair[1]));
 }
 
 /// Signals with a place for each.
@@ -58,20 +48,11 @@ impl Signals {
 
     /// What a statistic makes of them.
     pub(super) fn compute<S: Statistic>(&self, statistic: &S, path: SimdPath) -> Vec<f64> {
-        self.compute_in(statistic, path, &mut statistic.work())
-    }
-
-    pub(super) fn compute_in<S: Statistic>(
-        &self,
-        statistic: &S,
-        path: SimdPath,
-        work: &mut S::Work,
-    ) -> Vec<f64> {
         let mut energies = vec![[0.0; STRETCHES]; self.regions.len() * self.n_axes];
         envelope::measure(self.view(), &mut energies);
         let split = Split { rows: &[], signals: self.view(), energies: &energies };
         let mut out = vec![0.0; statistic.n_features()];
-        path.run(Compute { statistic, split, work, out: &mut out });
+        path.run(Compute { statistic, split, work: &mut statistic.work(), out: &mut out });
         out
     }
 

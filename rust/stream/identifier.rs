@@ -2,8 +2,7 @@
 
 use std::sync::Arc;
 
-use super::multiband_stream::MultiBandStream;
-use super::paper_stream::PaperStream;
+use super::scores::{MultiBandStream, PaperStream};
 use super::{Position, Windows};
 use crate::error::Result;
 use crate::memory::filled;

@@ -8,9 +8,7 @@ mod extractor;
 #[cfg(feature = "model")]
 mod identifier;
 #[cfg(feature = "model")]
-mod multiband_stream;
-#[cfg(feature = "model")]
-mod paper_stream;
+mod scores;
 
 pub use extractor::StreamingExtractor;
 #[cfg(feature = "model")]
