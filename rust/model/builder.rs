@@ -2,8 +2,7 @@
 
 use super::decoding::Codes;
 use super::metadata::check_names;
-use super::novelty::{Novelty, NoveltyParts};
-use super::rules::Rules;
+use super::rules::{Novelty, NoveltyParts, Rules};
 use super::scores::Weights;
 use super::tensor::Tensor;
 use super::{Loss, Metadata, Model, ModelError};

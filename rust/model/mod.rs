@@ -21,7 +21,6 @@ mod error;
 mod file;
 mod json;
 mod metadata;
-mod novelty;
 mod rules;
 mod scores;
 mod tensor;
@@ -39,16 +38,15 @@ pub use decoding::{Answer, Loss};
 pub use error::{ModelError, ModelFileError};
 pub use file::{MAX_FILE_BYTES, MAX_HEADER_BYTES};
 pub use metadata::{Metadata, MAX_NAME_BYTES};
-pub use novelty::NoveltyParts;
 pub(crate) use rules::RuleOutcome;
-pub use rules::Rules;
+pub use rules::{NoveltyParts, Rules};
 pub(crate) use scores::AddRows;
 pub use tensor::Tensor;
 
 use crate::multiband::MultiBand;
 use crate::Extractor;
 use decoding::Codes;
-use novelty::Novelty;
+use rules::Novelty;
 use scores::Weights;
 
 /// A trained identifier: features of a recording, a score per linear learner, a mean loss per class.

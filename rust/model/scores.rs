@@ -1,6 +1,6 @@
 //! From recordings to scores: the weights of the learners, and sums in the order that a model promises.
 
-use super::novelty::Novelty;
+use super::rules::Novelty;
 use super::tensor::Tensor;
 use super::{Model, ModelError};
 use crate::error::Error;

@@ -9,9 +9,9 @@ use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use crate::arguments::{named, new_arguments, optional, word, NewArguments, OrRaise};
-use crate::arrays::{
-    contiguous_real, output, owned_real, readable, tuple, work, work_into, wrong_shape, Recordings,
+use crate::arguments::{
+    contiguous_real, named, new_arguments, optional, output, owned_real, readable, tuple, word, work,
+    work_into, wrong_shape, NewArguments, OrRaise, Recordings,
 };
 use granular_id::dsp::Outside;
 use granular_id::features::Initial;

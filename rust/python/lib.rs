@@ -1,7 +1,6 @@
 //! The extension module `granular_id._core`: registration only.
 
 mod arguments;
-mod arrays;
 mod features;
 mod live;
 mod model;

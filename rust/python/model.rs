@@ -15,9 +15,9 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyDict, PyList, PyString, PyTuple};
 
 use crate::arguments::{
-    named, new_arguments, optional, shown, word, GranularIdError, NewArguments, OrRaise, Raise,
+    contiguous_real, copied, named, new_arguments, optional, readable, shown, word, work, work_into,
+    wrong_shape, zeros, GranularIdError, NewArguments, OrRaise, Raise, Recordings,
 };
-use crate::arrays::{contiguous_real, copied, readable, work, work_into, wrong_shape, zeros, Recordings};
 use crate::features::PyFeatureSpec;
 use crate::multiband::PyMultiBandExtractor;
 use granular_id::bindings::collected;

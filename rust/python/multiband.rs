@@ -4,8 +4,10 @@ use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 
-use crate::arguments::{named, new_arguments, optional, word, GranularIdError, NewArguments, OrRaise};
-use crate::arrays::{copied, owned_real, tuple, work_into, wrong_shape, zeros, Recordings};
+use crate::arguments::{
+    copied, named, new_arguments, optional, owned_real, tuple, word, work_into, wrong_shape, zeros,
+    GranularIdError, NewArguments, OrRaise, Recordings,
+};
 use granular_id::bindings::{collected, filled, short_number};
 use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
 use granular_id::BatchShape;

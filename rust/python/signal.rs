@@ -3,8 +3,7 @@
 use numpy::{PyArray, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arguments::{named, GranularIdError, OrRaise};
-use crate::arrays::{owned_real, tuple, work, wrong_shape};
+use crate::arguments::{named, owned_real, tuple, work, wrong_shape, GranularIdError, OrRaise};
 use granular_id::{AlongAxis, Band, Result, Sos};
 
 /// A float64 array of any rank.

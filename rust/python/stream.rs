@@ -5,8 +5,7 @@ use numpy::{PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use crate::arguments::{named, optional, OrRaise};
-use crate::arrays::{contiguous_real, output, readable, writable, wrong_shape};
+use crate::arguments::{contiguous_real, named, optional, output, readable, writable, wrong_shape, OrRaise};
 use crate::features::PyFeatureSpec;
 use crate::model::PyModel;
 use granular_id::bindings::ranking;
