@@ -81,7 +81,7 @@ rust-lint: | toolchain
 	$(call step,rustdoc,$(RUSTDOC))
 
 rust-test: | toolchain
-	$(call step,Rust tests,cargo test --quiet)
+	$(call step,Rust tests,cargo test --quiet --package granular-id --package granular-id-c)
 
 # Of the build of the tests; of what ships: make bench BENCH=counts
 instructions: rust-test
