@@ -10,10 +10,10 @@
 // The header says it once for all functions: pointers are null or lead to as many values as the length beside them.
 #![allow(clippy::missing_safety_doc)]
 
-mod extract;
+pub mod extract;
 mod last_error;
-mod model;
-mod stream;
+pub mod model;
+pub mod stream;
 
 #[cfg(test)]
 mod tests;

@@ -1,0 +1,149 @@
+// granular_id for C++17, over granular_id.h, whose rules for threads and real-time loops hold here, too.
+// SPDX-License-Identifier: MIT OR Apache-2.0
+//
+//     const granular_id::Model model("kitchen.safetensors");    // throws granular_id::Error
+//     granular_id::Stream stream(model);                        // throws granular_id::Error
+//     if (stream.push(row) == GID_FULL) {                       // from here on nothing throws
+//         granular_id::Decision decision;
+//         if (stream.decide(decision) == GID_OK) { use(model.label(decision.label)); }
+//         stream.reset();
+//     }
+#ifndef GRANULAR_ID_HPP
+#define GRANULAR_ID_HPP
+
+#include <cstddef>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+
+#include "granular_id.h"
+
+namespace granular_id {
+
+// The sentence about the last error of this thread.
+inline std::string last_error() {
+    std::string text(gid_last_error(nullptr, 0), '\0');
+    gid_last_error(text.data(), text.size() + 1);
+    return text;
+}
+
+// Why a model or stream cannot be made.
+class Error : public std::runtime_error {
+public:
+    explicit Error(gid_status status) : std::runtime_error(last_error()), status_(status) {}
+    [[nodiscard]] gid_status status() const noexcept { return status_; }
+
+private:
+    gid_status status_;
+};
+
+// A view of values that somebody else owns: of an array, or of whatever has data() and size().
+template <class T> class View {
+public:
+    constexpr View(T *data, std::size_t size) noexcept : data_(data), size_(size) {}
+    template <std::size_t n> constexpr View(T (&values)[n]) noexcept : View(values, n) {}
+    template <class Values, class = std::enable_if_t<std::is_convertible_v<
+                                decltype(std::declval<Values &>().data()), T *>>>
+    constexpr View(Values &&values) noexcept : View(values.data(), values.size()) {}
+    [[nodiscard]] constexpr T *data() const noexcept { return data_; }
+    [[nodiscard]] constexpr std::size_t size() const noexcept { return size_; }
+
+private:
+    T *data_;
+    std::size_t size_;
+};
+
+// What a model says of the rows so far.
+struct Decision : gid_decision {
+    Decision() noexcept : gid_decision() {}
+    // Whether it may be class k; of a complete window.
+    [[nodiscard]] bool may_be(std::size_t k) const noexcept {
+        return k < 8 * GID_CANDIDATE_BYTES && (candidates[k / 8] >> (k % 8) & 1) != 0;
+    }
+};
+
+// A handle that frees itself. It can be moved, not copied.
+template <class Handle, gid_status (*free_handle)(Handle)> class Owned {
+public:
+    Owned(Owned &&other) noexcept : handle_(std::exchange(other.handle_, Handle{})) {}
+    Owned &operator=(Owned &&other) noexcept {
+        std::swap(handle_, other.handle_);
+        return *this;
+    }
+    Owned(const Owned &) = delete;
+    Owned &operator=(const Owned &) = delete;
+    // Of the C functions; zero once it was moved from.
+    [[nodiscard]] Handle handle() const noexcept { return handle_; }
+
+protected:
+    Owned() noexcept = default;
+    ~Owned() {
+        if (handle_.id != 0) { free_handle(handle_); }
+    }
+    static void check(gid_status status) {
+        if (status != GID_OK) { throw Error(status); }
+    }
+    Handle handle_{};
+};
+
+// A trained model, shared by any number of streams and threads.
+class Model : public Owned<gid_model, gid_model_free> {
+public:
+    // From a file.
+    explicit Model(const std::string &path) {
+        check(gid_model_load(path.c_str(), &handle_));
+        finish();
+    }
+    // From the bytes of a file.
+    explicit Model(View<const std::uint8_t> bytes) {
+        check(gid_model_load_bytes(bytes.data(), bytes.size(), &handle_));
+        finish();
+    }
+    // Labels, axes, rows of a window, rate, whether simulated recordings trained it.
+    [[nodiscard]] const gid_model_info &info() const noexcept { return info_; }
+    // Label k and the name of axis k, until the model ends; empty beyond the last.
+    [[nodiscard]] std::string_view label(std::size_t k) const noexcept { return text(gid_model_label(handle_, k)); }
+    [[nodiscard]] std::string_view axis(std::size_t k) const noexcept { return text(gid_model_axis(handle_, k)); }
+
+private:
+    void finish() { check(gid_model_get_info(handle_, &info_)); }
+    static std::string_view text(const char *found) noexcept { return found ? found : std::string_view(); }
+    gid_model_info info_{};
+};
+
+// Rows in, decisions out, for one thread at a time. It outlives its model.
+class Stream : public Owned<gid_stream, gid_stream_free> {
+public:
+    explicit Stream(const Model &model) { check(gid_stream_new(model.handle(), &handle_)); }
+    // Takes rows, a value per axis each, until the window is complete; GID_FULL if rows are left.
+    [[nodiscard]] gid_status push(View<const double> rows) noexcept {
+        return gid_stream_push(handle_, rows.data(), rows.size());
+    }
+    // Decides from the rows so far.
+    [[nodiscard]] gid_status decide(Decision &decision) noexcept { return gid_stream_decide(handle_, &decision); }
+    // The mean loss of each class.
+    [[nodiscard]] gid_status losses(View<double> losses) noexcept {
+        return gid_stream_losses(handle_, losses.data(), losses.size());
+    }
+    // Back to the state before the first row.
+    gid_status reset() noexcept { return gid_stream_reset(handle_); }
+};
+
+// Features of a recording, as gid_extract.
+[[nodiscard]] inline gid_status extract(const gid_spec &spec, View<const double> rows, View<double> features) noexcept {
+    return gid_extract(&spec, rows.data(), rows.size(), features.data(), features.size());
+}
+
+// How many features that are for a recording of n values; 0 on an error.
+[[nodiscard]] inline std::size_t n_features(const gid_spec &spec, std::size_t n) noexcept {
+    std::size_t found = 0;
+    gid_n_features(&spec, n, &found);
+    return found;
+}
+
+} // namespace granular_id
+
+#endif
