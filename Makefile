@@ -187,11 +187,11 @@ nightly-campaign: .venv/.tools
 	GRANULAR_ID_CASES=5000 $(BIN)/python -m pytest tests/python/core/test_stream.py tests/python/core/test_stream_identifier.py
 
 # cargo-fuzz wants a nightly compiler; the stable one takes the same flags with RUSTC_BOOTSTRAP.
-##   fuzz          model files and sensor packets, by cargo-fuzz (FUZZ_RUNS=200000 of each)
+##   fuzz          model files, sensor packets and calls from C, by cargo-fuzz (FUZZ_RUNS=200000 of each)
 nightly-fuzz: .venv/.tools
 	@$(call needs,cargo-fuzz,cargo install cargo-fuzz)
 	$(BIN)/python tests/fuzz/model_file_seeds.py
-	for target in "model_file -- -dict=tests/fuzz/model_file.dict" "rdt_packets --"; do \
+	for target in "model_file -- -dict=tests/fuzz/model_file.dict" "rdt_packets --" "c_interface --"; do \
 		RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir tests/fuzz $$target -runs=$(or $(FUZZ_RUNS),200000) -max_len=4096 || exit; done
 
 # Compiled apart, as all dependencies see the flag.
@@ -205,7 +205,7 @@ SANITIZE = RUSTC_BOOTSTRAP=1 cargo test --quiet --target $(shell rustc -vV | sed
 
 ##   sanitize      the Rust tests under AddressSanitizer, those with threads under ThreadSanitizer
 nightly-sanitize: | toolchain
-	RUSTFLAGS=-Zsanitizer=address $(SANITIZE) --target-dir target/address --tests
+	RUSTFLAGS=-Zsanitizer=address $(SANITIZE) --target-dir target/address --tests --package granular-id --package granular-id-c
 	RUSTFLAGS="-Zsanitizer=thread -Cunsafe-allow-abi-mismatch=sanitizer" GRANULAR_ID_RING_ITEMS=1000000 \
 	TSAN_OPTIONS=suppressions=$(CURDIR)/tests/data/tsan_suppressions.txt $(SANITIZE) --target-dir target/thread --test core -- buffer_stress rdt
 

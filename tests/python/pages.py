@@ -14,7 +14,7 @@ from cli_cases import ended_well
 if TYPE_CHECKING:
     from pathlib import Path
 
-NOT_RUN = ("", "bibtex", "matlab", "rust")
+NOT_RUN = ("", "bibtex", "cmake", "cpp", "matlab", "rust")
 """Kinds of blocks that no test runs here: files, entries, other languages."""
 BLOCK = re.compile(
     r"^(?:<!-- not run: (?P<reason>[^>]+) -->\n+)?```(?P<kind>[^\n`]*)\n(?P<text>.*?)^```$", re.M | re.S

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import granular_id as gid
+from pages import blocks_of
 
 ROOT = Path(__file__).parents[2]
 KNOWN = ("fine_sugar", "oat_flakes", "rice", "wheat_flour")
@@ -194,6 +195,15 @@ def test_only_functions_with_the_prefix_are_exported(prefix):
     header = (prefix / "include" / "granular_id.h").read_text(encoding="utf-8")
     assert len(names) == 17
     assert all(f"{name}(" in header for name in names)
+
+
+@ONE_MODEL
+def test_first_program_of_the_docs_names_a_recording(compiled, model, model_file, pushes, tmp_path):
+    (text,) = (block.text for block in blocks_of(ROOT / "docs" / "guide" / "c.md") if block.kind == "cpp")
+    (tmp_path / "first.cpp").write_text(text, encoding="utf-8")
+    rows = " ".join(map(repr, pushes.X[0].ravel().tolist()))
+    printed = run(compiled(str(tmp_path / "first.cpp")), model_file, input=rows)
+    assert printed.split()[-2:] == model.identify(pushes.X[0]).label.split()[-2:]
 
 
 @ONE_MODEL
