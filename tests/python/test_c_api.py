@@ -203,7 +203,7 @@ def test_first_program_of_the_docs_names_a_recording(compiled, model, model_file
     (tmp_path / "first.cpp").write_text(text, encoding="utf-8")
     rows = " ".join(map(repr, pushes.X[0].ravel().tolist()))
     printed = run(compiled(str(tmp_path / "first.cpp")), model_file, input=rows)
-    assert printed.split()[-2:] == model.identify(pushes.X[0]).label.split()[-2:]
+    assert printed.rstrip().endswith(model.identify(pushes.X[0]).label)
 
 
 @ONE_MODEL
