@@ -11,5 +11,6 @@ foreach(_kind IN ITEMS SHARED STATIC)
     INTERFACE_INCLUDE_DIRECTORIES "${_granular_id}/include"
     IMPORTED_LOCATION "${_granular_id}/lib/${CMAKE_${_kind}_LIBRARY_PREFIX}granular_id_c${CMAKE_${_kind}_LIBRARY_SUFFIX}")
 endforeach()
+set_target_properties(granular_id::granular_id PROPERTIES IMPORTED_NO_SONAME TRUE)
 set_target_properties(granular_id::static PROPERTIES INTERFACE_LINK_LIBRARIES "pthread;dl;m")
 unset(_granular_id)

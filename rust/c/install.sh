@@ -14,6 +14,9 @@ cp "$here/include/granular_id.h" "$here/include/granular_id.hpp" "$prefix/includ
 for library in libgranular_id_c.a libgranular_id_c.so libgranular_id_c.dylib; do
     test ! -e "$build/$library" || cp "$build/$library" "$prefix/lib"
 done
+# cargo names the folder of the build there. Not tried: nothing has run on macOS.
+dylib=$prefix/lib/libgranular_id_c.dylib
+test ! -e "$dylib" || install_name_tool -id @rpath/libgranular_id_c.dylib "$dylib"
 sed "s/@VERSION@/$version/" "$here/granular_id.pc.in" > "$prefix/lib/pkgconfig/granular_id.pc"
 cp "$here/granular_id-config.cmake" "$prefix/lib/cmake/granular_id"
 {
