@@ -11,8 +11,8 @@ mod stream;
 
 use pyo3::prelude::*;
 
-// Not tested without the GIL: streams and buffers are locked under it.
-#[pymodule(gil_used = true)]
+// Classes are frozen; what changes in them is behind a lock.
+#[pymodule(gil_used = false)]
 mod _core {
     use pyo3::prelude::*;
     use pyo3::types::{IntoPyDict, PyTuple};

@@ -1,5 +1,8 @@
-//! Features and answers while samples arrive. Every call keeps the GIL: it ends at the border of a window, so it is short, and
-//! neither another thread nor a process that was forked finds a stream half-way.
+//! Features and answers while samples arrive. Every call stays attached to Python, where there is a GIL with it: it ends at the
+//! border of a window, so it is short, and a process that was forked finds no stream half-way. Calls of several threads take
+//! their turn by a lock, under which nothing of Python's runs.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use numpy::{PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -59,11 +62,11 @@ use granular_id::Model;
 /// >>> stream.is_complete, np.array_equal(stream.features(), gid.extract_features(recording))
 /// (True, True)
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
-#[pyclass(name = "StreamingExtractor", module = "granular_id._core")]
+#[pyclass(frozen, name = "StreamingExtractor", module = "granular_id._core")]
 pub(super) struct PyStreamingExtractor {
     #[pyo3(get)]
     spec: Py<PyFeatureSpec>,
-    stream: StreamingExtractor,
+    stream: Mutex<StreamingExtractor>,
 }
 
 #[pymethods]
@@ -78,17 +81,17 @@ impl PyStreamingExtractor {
     ) -> PyResult<Self> {
         let windows = Windows::new(n_samples, n_axes).with_hop(hop);
         let stream = StreamingExtractor::new(&spec.get().extractor, windows).or_raise()?;
-        Ok(Self { spec: spec.clone().unbind(), stream })
+        Ok(Self { spec: spec.clone().unbind(), stream: Mutex::new(stream) })
     }
 
     /// Take rows `(k, n_axes)`, or one row `(n_axes,)`, in N and N m, until the window is complete; returns how many.
     ///
     /// Rows beyond the end of the window are not taken: pass them again after `next` or `reset`. NaN, infinity and
     /// values too large to filter raise a `ValueError`; no row was taken then.
-    fn push(slf: &Bound<'_, Self>, wrench: &Bound<'_, PyAny>) -> PyResult<usize> {
+    fn push(&self, wrench: &Bound<'_, PyAny>) -> PyResult<usize> {
         let array = contiguous_real(wrench, "wrench")?;
-        let rows = rows(&array, slf.try_borrow()?.n_axes())?;
-        slf.try_borrow_mut()?.stream.push(rows.as_slice()?).or_raise()
+        let rows = rows(&array, self.n_axes())?;
+        self.stream().push(rows.as_slice()?).or_raise()
     }
 
     /// Features `(n_features,)` of the window so far; raw samples that have not arrived are 0.
@@ -96,63 +99,64 @@ impl PyStreamingExtractor {
     /// `out`, if given, is written and returned: float64, C-contiguous.
     #[pyo3(signature = (out = None))]
     fn features<'py>(
-        slf: &Bound<'py, Self>,
+        &self,
+        py: Python<'py>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let n_features = slf.try_borrow()?.stream.n_features();
-        let out = output(slf.py(), out, &[n_features])?;
+        let n_features = self.n_features();
+        let out = output(py, out, &[n_features])?;
         let mut target = writable(&out, &[n_features], "", &[])?;
-        slf.try_borrow()?.stream.features_into(target.as_slice_mut()?).or_raise()?;
+        self.stream().features_into(target.as_slice_mut()?).or_raise()?;
         Ok(out)
     }
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.
-    fn next(&mut self) -> PyResult<()> {
-        self.stream.next_window().or_raise()
+    fn next(&self) -> PyResult<()> {
+        self.stream().next_window().or_raise()
     }
 
     /// Back to the state before the first row.
-    fn reset(&mut self) {
-        self.stream.reset();
+    fn reset(&self) {
+        self.stream().reset();
     }
 
     #[getter]
     fn n_samples(&self) -> usize {
-        self.stream.windows().n_samples
+        self.stream().windows().n_samples
     }
 
     #[getter]
     fn n_axes(&self) -> usize {
-        self.stream.windows().n_axes
+        self.stream().windows().n_axes
     }
 
     #[getter]
     fn hop(&self) -> Option<usize> {
-        self.stream.windows().hop
+        self.stream().windows().hop
     }
 
     #[getter]
     fn n_features(&self) -> usize {
-        self.stream.n_features()
+        self.stream().n_features()
     }
 
     #[getter]
     fn n_seen(&self) -> usize {
-        self.stream.n_seen()
+        self.stream().n_seen()
     }
 
     #[getter]
     fn is_complete(&self) -> bool {
-        self.stream.is_complete()
+        self.stream().is_complete()
     }
 
     #[getter]
     fn first_row(&self) -> u64 {
-        self.stream.first_row()
+        self.stream().first_row()
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
-        let Windows { n_samples, n_axes, hop, .. } = self.stream.windows();
+        let Windows { n_samples, n_axes, hop, .. } = self.stream().windows();
         let (spec, hop) = (self.spec.bind(py).repr()?, or_none(hop));
         Ok(format!("StreamingExtractor({spec}, n_samples={n_samples}, n_axes={n_axes}, hop={hop})"))
     }
@@ -164,13 +168,13 @@ impl PyStreamingExtractor {
 /// `Model.raw_mean`, 0 where the model has none, and counts are scaled by ``n_samples / n_seen``; multi-band features are
 /// those of the rows so far, taken as the beginning of a recording. Windows and threads: as `StreamingExtractor`.
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
-#[pyclass(name = "StreamingIdentifier", module = "granular_id._core")]
+#[pyclass(frozen, name = "StreamingIdentifier", module = "granular_id._core")]
 pub(super) struct PyStreamingIdentifier {
     #[pyo3(get)]
     model: Py<PyModel>,
     #[pyo3(get)]
     hop: Option<usize>,
-    stream: StreamingIdentifier,
+    stream: Mutex<StreamingIdentifier>,
 }
 
 #[pymethods]
@@ -183,34 +187,36 @@ impl PyStreamingIdentifier {
     ) -> PyResult<Self> {
         let shared = &model.get().model;
         let stream = model.py().detach(|| StreamingIdentifier::new(shared.clone(), hop)).or_raise()?;
-        Ok(Self { model: model.clone().unbind(), hop, stream })
+        Ok(Self { model: model.clone().unbind(), hop, stream: Mutex::new(stream) })
     }
 
     /// Take rows `(k, n_axes)`, or one row `(n_axes,)`, in N and N m, until the window is complete; returns how many.
     ///
     /// As `StreamingExtractor.push`.
-    fn push(slf: &Bound<'_, Self>, wrench: &Bound<'_, PyAny>) -> PyResult<usize> {
+    fn push(&self, wrench: &Bound<'_, PyAny>) -> PyResult<usize> {
         let array = contiguous_real(wrench, "wrench")?;
-        let rows = rows(&array, slf.try_borrow()?.stream.model().n_axes())?;
-        slf.try_borrow_mut()?.stream.push(rows.as_slice()?).or_raise()
+        let rows = rows(&array, self.model.get().model.n_axes())?;
+        self.stream().push(rows.as_slice()?).or_raise()
     }
 
     /// Scores `(L,)` of the learners; written to `out` and returned, where it is given.
     #[pyo3(signature = (out = None))]
     fn scores<'py>(
-        slf: &Bound<'py, Self>,
+        &self,
+        py: Python<'py>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        written(slf, out, Model::n_learners, StreamingIdentifier::scores)
+        self.written(py, out, Model::n_learners, StreamingIdentifier::scores)
     }
 
     /// Mean losses `(K,)` of the classes: the smallest wins, the first of equal ones. Written to `out`, where it is given.
     #[pyo3(signature = (out = None))]
     fn losses<'py>(
-        slf: &Bound<'py, Self>,
+        &self,
+        py: Python<'py>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        written(slf, out, |model| model.classes().len(), StreamingIdentifier::losses)
+        self.written(py, out, |model| model.classes().len(), StreamingIdentifier::losses)
     }
 
     /// Everything about the answer at one moment.
@@ -218,14 +224,14 @@ impl PyStreamingIdentifier {
     /// A tuple of: the ranking, pairs of label and mean loss, best first; the margin; whether the window is complete;
     /// whether the margin meets the rule for early answers; rows of the window; rows before it; labels of the candidates,
     /// the likeliest first, and whether the window is like none: of a complete window, by the rules of the model.
-    fn standing<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyTuple>> {
-        let py = slf.py();
-        let (model, losses, candidates, first_row, rest) = {
-            let stream = &mut slf.try_borrow_mut()?.stream;
-            let (model, first_row) = (stream.model().clone(), stream.first_row());
+    fn standing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        let model = &self.model.get().model;
+        let (losses, candidates, first_row, rest) = {
+            let mut stream = self.stream();
+            let first_row = stream.first_row();
             let at = stream.standing().or_raise()?;
             let rest = (at.margin, at.is_final, at.is_sure, at.n_seen, at.unknown);
-            (model, at.losses.to_vec(), at.candidates.to_vec(), first_row, rest)
+            (at.losses.to_vec(), at.candidates.to_vec(), first_row, rest)
         };
         let pairs = ranking(&losses).into_iter().map(|class| (&model.classes()[class], losses[class]));
         let pairs = PyTuple::new(py, pairs.collect::<Vec<_>>())?;
@@ -235,28 +241,28 @@ impl PyStreamingIdentifier {
     }
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.
-    fn next(&mut self) -> PyResult<()> {
-        self.stream.next_window().or_raise()
+    fn next(&self) -> PyResult<()> {
+        self.stream().next_window().or_raise()
     }
 
     /// Back to the state before the first row.
-    fn reset(&mut self) {
-        self.stream.reset();
+    fn reset(&self) {
+        self.stream().reset();
     }
 
     #[getter]
     fn n_seen(&self) -> usize {
-        self.stream.n_seen()
+        self.stream().n_seen()
     }
 
     #[getter]
     fn is_complete(&self) -> bool {
-        self.stream.is_complete()
+        self.stream().is_complete()
     }
 
     #[getter]
     fn first_row(&self) -> u64 {
-        self.stream.first_row()
+        self.stream().first_row()
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
@@ -276,18 +282,29 @@ fn rows<'py>(array: &Bound<'py, PyArrayDyn<f64>>, n_axes: usize) -> PyResult<PyR
     Err(wrong_shape("wrench", format_args!("(k, {n_axes}) or ({n_axes},)"), array.shape()))
 }
 
-/// Numbers of an answer, as many as `len` says, in the caller's `out` or a new array. A stream is borrowed for moments only,
-/// in which nothing of Python's runs: any thread finds it free.
-fn written<'py>(
-    slf: &Bound<'py, PyStreamingIdentifier>,
-    out: Option<&Bound<'py, PyAny>>,
-    len: impl FnOnce(&Model) -> usize,
-    numbers: for<'a> fn(&'a mut StreamingIdentifier) -> granular_id::Result<&'a [f64]>,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let len = len(slf.try_borrow()?.stream.model());
-    let out = output(slf.py(), out, &[len])?;
-    let mut target = writable(&out, &[len], "", &[])?;
-    let target = target.as_slice_mut()?;
-    target.copy_from_slice(numbers(&mut slf.try_borrow_mut()?.stream).or_raise()?);
-    Ok(out)
+impl PyStreamingExtractor {
+    fn stream(&self) -> MutexGuard<'_, StreamingExtractor> {
+        self.stream.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl PyStreamingIdentifier {
+    fn stream(&self) -> MutexGuard<'_, StreamingIdentifier> {
+        self.stream.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Numbers of an answer, as many as `len` says, in the caller's `out` or a new array.
+    fn written<'py>(
+        &self,
+        py: Python<'py>,
+        out: Option<&Bound<'py, PyAny>>,
+        len: impl FnOnce(&Model) -> usize,
+        numbers: for<'a> fn(&'a mut StreamingIdentifier) -> granular_id::Result<&'a [f64]>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let len = len(&self.model.get().model);
+        let out = output(py, out, &[len])?;
+        let mut target = writable(&out, &[len], "", &[])?;
+        target.as_slice_mut()?.copy_from_slice(numbers(&mut self.stream()).or_raise()?);
+        Ok(out)
+    }
 }
