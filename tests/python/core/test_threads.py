@@ -10,6 +10,7 @@ import pytest
 
 import features_twin as twin
 from core_cases import N_THREADS, at_once
+from granular_id import StreamingExtractor
 from granular_id.features import FeatureSpec, extract_features
 
 
@@ -61,6 +62,13 @@ def test_output_written_by_two_threads_is_refused_or_whole():
     results = at_once([lambda: sum(refused() for _ in range(5))] * 4)
     assert sum(results) < 20
     assert twin.differing_bits(out, wanted) == 0
+
+
+def test_one_stream_of_many_threads_takes_each_row_once():
+    stream, row = StreamingExtractor(FeatureSpec()), np.linspace(-1.0, 1.0, 6)
+    taken = at_once([lambda: sum(iter(partial(stream.push, row), 0))] * N_THREADS)
+    assert sum(taken) == 1600
+    assert twin.differing_bits(stream.features(), extract_features(np.tile(row, (1600, 1)))) == 0
 
 
 def test_errors_stay_with_their_thread():
