@@ -2,7 +2,7 @@
 
 PYTHON ?= python3
 BIN    := .venv/bin
-SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs' -o -name Cargo.toml)
+SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -path rust/c -prune -o -name '*.rs' -print -o -name Cargo.toml -print)
 
 TARGETS := help demo test lint docs bench benchmarks wheel nightly clean
 PARTS   := toolchain rust-lint rust-test python-lint python-test instructions measured
