@@ -104,8 +104,9 @@ pub unsafe extern "C" fn gid_n_features(
     })
 }
 
-/// Features of a recording of `n` values, row by row, into `features`, which has room for `n_features`: samples axis by axis, then
-/// the histograms. On an error they hold unspecified numbers. Not for a real-time loop: it designs the filter and allocates.
+/// Features of a recording of `n` values, row by row, into `features`, which has room for `n_features`: samples axis by axis,
+/// then the histograms. On an error they hold unspecified numbers. Not for a real-time loop: it designs the filter, and
+/// allocates.
 #[no_mangle]
 pub unsafe extern "C" fn gid_extract(
     spec: *const gid_spec,

@@ -162,8 +162,9 @@ gid_spec gid_spec_default(void);
 // How many features `gid_extract` writes for a recording of `n` values.
 gid_status gid_n_features(const gid_spec *spec, size_t n, size_t *n_features);
 
-// Features of a recording of `n` values, row by row, into `features`, which has room for `n_features`: samples axis by axis, then
-// the histograms. On an error they hold unspecified numbers. Not for a real-time loop: it designs the filter and allocates.
+// Features of a recording of `n` values, row by row, into `features`, which has room for `n_features`: samples axis by axis,
+// then the histograms. On an error they hold unspecified numbers. Not for a real-time loop: it designs the filter, and
+// allocates.
 gid_status gid_extract(const gid_spec *spec, const double *rows, size_t n, double *features, size_t n_features);
 
 // Reads a model from a file of at most 32 MiB, as `Identifier.save` writes it. `path` is a zero-terminated string: UTF-8 on
