@@ -266,7 +266,7 @@ fn freed_and_invented_handles_are_refused() {
     assert_eq!(gid_stream_free(other), GID_OK);
     assert_eq!((gid_model_free(model), gid_model_free(model)), (GID_OK, GID_HANDLE));
     assert_eq!(unsafe { gid_stream_new(model, &raw mut unused) }, GID_HANDLE);
-    for id in [0, 1, 255, 256, u64::MAX] {
+    for id in [0, 1, 255, u64::MAX] {
         assert_eq!(gid_stream_reset(gid_stream { id }), GID_HANDLE);
         assert_eq!(gid_model_free(gid_model { id: id << 32 }), GID_HANDLE);
     }
