@@ -77,7 +77,7 @@ RUSTDOC := RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps
 
 rust-lint: | toolchain
 	$(call step,rustfmt,cargo fmt --all --check && cargo fmt --check --manifest-path tests/fuzz/Cargo.toml)
-	$(call step,clippy,cargo clippy --quiet --package granular-id --package granular-id-python --all-targets -- -D warnings)
+	$(call step,clippy,cargo clippy --quiet --package granular-id --package granular-id-c --package granular-id-python --all-targets -- -D warnings)
 	$(call step,rustdoc,$(RUSTDOC))
 
 rust-test: | toolchain
