@@ -116,16 +116,6 @@ pub enum Error {
         /// What it exceeds.
         limit: &'static str,
     },
-    /// A feature that float64 holds and float32 does not.
-    #[error(
-        "features of recording {recording} reach {value:e}, which float32 cannot hold: use dtype float64"
-    )]
-    Narrow {
-        /// The recording.
-        recording: usize,
-        /// The first such feature.
-        value: f64,
-    },
     /// A score of a learner that float64 cannot hold.
     #[error("score of learner {learner} of recording {recording} must be finite, got {value}: the wrench or the weights are too large")]
     Score {
@@ -184,7 +174,6 @@ impl Error {
     pub(crate) fn after(mut self, recordings: usize) -> Self {
         if let Self::NonFinite { recording, .. }
         | Self::TooLarge { recording, .. }
-        | Self::Narrow { recording, .. }
         | Self::Score { recording, .. } = &mut self
         {
             *recording += recordings;

@@ -204,25 +204,13 @@ impl Extractor {
         Ok(names)
     }
 
-    /// Refuses a batch that is empty, of another length than `wrench`, or of a number of axes without ranges. Returns the
+    /// Refuses a batch that is empty, not of `len` values, or of a number of axes without ranges. Returns the
     /// number of features of a recording.
-    pub(crate) fn check(&self, wrench: &[f64], shape: BatchShape) -> Result<usize> {
-        self.check_len(wrench.len(), shape)
-    }
-
-    /// The same for a number of values.
     #[doc(hidden)]
     pub fn check_len(&self, len: usize, shape: BatchShape) -> Result<usize> {
-        let BatchShape { n_recordings, n_samples, n_axes } = shape;
-        if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
-            return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
-        }
-        self.check_size(n_samples, n_axes)?;
-        let expected = n_recordings.saturating_mul(shape.recording_len());
-        if len != expected {
-            return Err(Error::Length { what: "wrench", expected, got: len });
-        }
-        self.n_features(n_samples, n_axes)
+        shape.check(len)?;
+        self.check_size(shape.n_samples, shape.n_axes)?;
+        self.n_features(shape.n_samples, shape.n_axes)
     }
 
     /// Refuses recordings too long to count, or of a number of axes without ranges.

@@ -1,5 +1,7 @@
 //! Axis order, units, sample flags and layout of a wrench: the one place where they are listed.
 
+use crate::error::{Error, Result};
+
 /// Names of the six axes in storage order: forces, then torques.
 pub const AXES: [&str; 6] = ["fx", "fy", "fz", "tx", "ty", "tz"];
 
@@ -42,6 +44,19 @@ impl BatchShape {
     #[must_use]
     pub fn recording_len(&self) -> usize {
         self.n_samples.saturating_mul(self.n_axes)
+    }
+
+    /// Refuses a batch that is empty, or of another number of values.
+    pub(crate) fn check(&self, len: usize) -> Result<()> {
+        let &Self { n_recordings, n_samples, n_axes } = self;
+        if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
+            return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
+        }
+        let expected = n_recordings.saturating_mul(self.recording_len());
+        if len != expected {
+            return Err(Error::Length { what: "wrench", expected, got: len });
+        }
+        Ok(())
     }
 }
 

@@ -142,7 +142,7 @@ fn streaming_identification_with_rules() {
 #[test]
 fn streaming_identification_by_bands() {
     let rows = noisy_rows(4100);
-    let model = Arc::new(models::random_banded(11, 1600, 6, MultiBandSpec::default().with_level(true)));
+    let model = Arc::new(models::random_banded(11, 1600, 6, MultiBandSpec::of(500.0, |_| true)));
     let mut stream = StreamingIdentifier::new(model, Some(400)).unwrap();
     let mut finished = 0;
     allocates_nothing("push, standing, next window, refusals", || {

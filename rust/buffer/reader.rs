@@ -221,7 +221,6 @@ impl WindowSpec {
 
 setters! {
     WindowSpec:
-    with_n n usize,
     with_fill fill Fill,
     with_max_gap max_gap u32,
     with_allow_saturated allow_saturated bool,

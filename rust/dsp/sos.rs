@@ -32,8 +32,7 @@ impl Section {
     }
 
     /// Distance from the origin to the pole farthest from it.
-    #[must_use]
-    pub fn pole_radius(&self) -> f64 {
+    fn pole_radius(&self) -> f64 {
         let (half, root) = (0.5 * self.a1.abs(), self.a2.abs().sqrt());
         if self.a2 <= 0.0 {
             half + libm::hypot(half, root)
@@ -87,7 +86,7 @@ impl Section {
 /// use granular_id::Sos;
 ///
 /// let smooth = Sos::new(&[[0.5, 0.0, 0.0, 1.0, -0.5, 0.0]])?;
-/// assert_eq!(smooth.max_pole_radius(), 0.5);
+/// assert_eq!(smooth.steady_state()?, [[0.5, 0.0]]);
 /// # Ok::<(), granular_id::Error>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
@@ -143,12 +142,6 @@ impl Sos {
     #[must_use]
     pub fn sections(&self) -> &[Section] {
         &self.sections
-    }
-
-    /// Distance from the origin to the pole farthest from it; below 1 the filter forgets its past.
-    #[must_use]
-    pub fn max_pole_radius(&self) -> f64 {
-        self.sections.iter().map(Section::pole_radius).fold(0.0, f64::max)
     }
 
     /// The state `[z0, z1]` of each section under a constant input of 1 that has lasted forever.

@@ -36,9 +36,6 @@ const CHANNELS: usize = 8;
 /// let mut wrench = SosState::zero(&sos, 6)?;
 /// let mut chunk = [0.0; 4 * 6]; // four samples of six axes, sample by sample
 /// wrench.filter(&mut chunk)?;
-///
-/// let mut force = SosState::zero(&sos, 1)?;
-/// let [first] = force.step([1.5])?; // one sample
 /// # Ok::<(), granular_id::Error>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
@@ -67,32 +64,6 @@ impl SosState {
         let mut state = Self::zero(sos, first.len())?;
         state.settle(&sos.steady_state()?, first);
         Ok(state)
-    }
-
-    /// A state taken from elsewhere: per section `z0` of every channel, then `z1` of every channel.
-    ///
-    /// # Errors
-    /// [`Error::Length`] when the number of values is not `2 * channels * sections`.
-    pub fn from_values(sos: &Sos, channels: usize, values: Vec<f64>) -> Result<Self> {
-        // Saturated, the size cannot be that of a vector.
-        let expected = channels.saturating_mul(2 * sos.sections().len());
-        if values.len() == expected {
-            Ok(Self { sos: sos.clone(), channels, values })
-        } else {
-            Err(Error::Length { what: "state", expected, got: values.len() })
-        }
-    }
-
-    /// The filter.
-    #[must_use]
-    pub fn sos(&self) -> &Sos {
-        &self.sos
-    }
-
-    /// Channels of the stream.
-    #[must_use]
-    pub fn channels(&self) -> usize {
-        self.channels
     }
 
     /// Per section `z0` of every channel, then `z1` of every channel.
@@ -124,25 +95,6 @@ impl SosState {
             }
         }
         Ok(())
-    }
-
-    /// Filters the next sample of every channel.
-    ///
-    /// # Errors
-    /// [`Error::Length`] when there is not one value per channel. The state has not changed then.
-    pub fn step<const C: usize>(&mut self, sample: [f64; C]) -> Result<[f64; C]> {
-        if C != self.channels {
-            return Err(Error::Length { what: "sample", expected: self.channels, got: C });
-        }
-        if C == 0 {
-            return Ok(sample);
-        }
-        let mut x = sample;
-        let (z, _) = self.values.as_chunks_mut::<C>().0.as_chunks_mut::<2>();
-        for (section, [z0, z1]) in self.sos.sections().iter().zip(z) {
-            x = biquad_step::<C, false>(&section.splat(), z0, z1, &x);
-        }
-        Ok(x)
     }
 
     /// Overwrites the state with the steady one for a row of first samples.
@@ -346,11 +298,7 @@ mod tests {
         let mut chunk = [1.0, 2.0, 3.0];
         let error = Error::Length { what: "chunk", expected: 2, got: 3 };
         assert_eq!(state.filter(&mut chunk), Err(error));
-        let error = Error::Length { what: "sample", expected: 2, got: 3 };
-        assert_eq!(state.step(chunk), Err(error));
         assert_eq!((chunk, &state), ([1.0, 2.0, 3.0], &SosState::zero(&two, 2).unwrap()));
-        let error = Error::Length { what: "state", expected: 8, got: 7 };
-        assert_eq!(SosState::from_values(&two, 2, vec![0.0; 7]), Err(error));
     }
 
     #[test]
@@ -358,7 +306,6 @@ mod tests {
         let sos = sos(2);
         let mut state = SosState::zero(&sos, 0).unwrap();
         assert_eq!(state.filter(&mut []), Ok(()));
-        assert_eq!(state.step([]), Ok([]));
         let error = Error::Length { what: "chunk", expected: 0, got: 1 };
         assert_eq!(state.filter(&mut [1.0]), Err(error));
     }

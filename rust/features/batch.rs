@@ -23,7 +23,7 @@ impl Extractor {
     /// # Errors
     /// As [`extract_into`](Self::extract_into).
     pub fn extract(&self, wrench: &[f64], shape: BatchShape, threads: usize) -> Result<Vec<f64>> {
-        let n_features = self.check(wrench, shape)?;
+        let n_features = self.check_len(wrench.len(), shape)?;
         let mut out = filled(0.0, shape.n_recordings.saturating_mul(n_features))?;
         self.extract_into(wrench, shape, threads, &mut out)?;
         Ok(out)
@@ -57,7 +57,7 @@ impl Extractor {
         out: &mut [f64],
     ) -> Result<()> {
         let stream = size_of_val(out) > STREAM_BYTES;
-        let n_features = self.check(wrench, shape)?;
+        let n_features = self.check_len(wrench.len(), shape)?;
         in_pieces(wrench, shape, (n_features, team_size(shape.n_axes)), threads, out, |wrench, shape, out| {
             let teams = Teams { extractor: self, shape, n_features, wrench, out, stream };
             if teams.extract(path) {

@@ -9,7 +9,7 @@ use super::{Loss, Metadata, Model, ModelError};
 use crate::error::{short_number, Error};
 use crate::features::{finite, not_finite, ranges_refused};
 use crate::memory::filled;
-use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
+use crate::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
 use crate::{BatchShape, Extractor, FeatureSpec};
 
 /// The largest number of classes.
@@ -255,7 +255,7 @@ impl Features<'_> {
                     format_args!("({bands}, {n_axes}), one per band of {n_samples} samples and axis");
                 band_scales.check_shape("band_scales", &[bands, n_axes], wanted)?;
                 band_scales.check_positive("band_scales")?;
-                let level = match (spec.level, level_scales) {
+                let level = match (spec.wants(Block::Level), level_scales) {
                     (true, None) => return Err(ModelError::missing_tensor("level_scales")),
                     (false, Some(_)) => return Err(ModelError::no_use("level_scales", "the block 'level'")),
                     (false, None) => filled(1.0, n_axes)?,
@@ -287,17 +287,9 @@ impl Extraction {
 
     /// Refuses a batch of another size than `wrench` has.
     pub(super) fn check(&self, wrench: &[f64], shape: BatchShape) -> Result<(), Error> {
-        let BatchShape { n_recordings, n_samples, n_axes } = shape;
-        let expected = n_recordings.saturating_mul(shape.recording_len());
         match self {
-            Self::Paper { extractor, .. } => extractor.check(wrench, shape).map(drop),
-            Self::MultiBand(_) if n_recordings == 0 => {
-                Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] })
-            }
-            Self::MultiBand(_) if wrench.len() != expected => {
-                Err(Error::Length { what: "wrench", expected, got: wrench.len() })
-            }
-            Self::MultiBand(_) => Ok(()),
+            Self::Paper { extractor, .. } => extractor.check_len(wrench.len(), shape).map(drop),
+            Self::MultiBand(multiband) => multiband.check_batch(wrench.len(), shape),
         }
     }
 

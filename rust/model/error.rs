@@ -34,24 +34,12 @@ pub enum ModelError {
         /// The version of the file.
         got: String,
     },
-    /// A header that is cut off, or larger than any model needs.
-    #[error("the header {problem}")]
-    Header {
-        /// What is wrong.
-        problem: String,
-    },
     /// Text that is no JSON, or JSON of another kind.
     #[error("{what}: {problem}")]
     Json {
         /// The header or an entry of the metadata.
         what: &'static str,
         /// What is wrong, with the place where it is known.
-        problem: String,
-    },
-    /// Tensors that do not lie side by side from the header to the end of the file.
-    #[error("the tensors do not fill the file exactly: {problem}")]
-    Layout {
-        /// What is wrong.
         problem: String,
     },
     /// Something else than what was hashed.

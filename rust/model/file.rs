@@ -20,6 +20,7 @@ use super::{
 };
 use crate::error::quoted;
 use crate::memory::reserved;
+use crate::multiband::Block;
 use crate::specs::listed;
 
 /// Bytes of a file that are read unless the caller allows more.
@@ -171,10 +172,10 @@ fn header(bytes: &[u8]) -> Result<(&str, &[u8]), ModelError> {
         let problem = format!(
             "should have {length} bytes, {left} are left in the file: it is cut off, or no safetensors file"
         );
-        return Err(ModelError::Header { problem });
+        return Err(ModelError::part("the header", problem));
     };
     check_header_size(text.len())?;
-    let no_text = |error| ModelError::Header { problem: format!("is no UTF-8 text: {error}") };
+    let no_text = |error| ModelError::part("the header", format!("is no UTF-8 text: {error}"));
     Ok((str::from_utf8(text).map_err(no_text)?, data))
 }
 
@@ -182,7 +183,7 @@ fn check_header_size(bytes: usize) -> Result<(), ModelError> {
     if bytes <= MAX_HEADER_BYTES {
         return Ok(());
     }
-    Err(ModelError::Header { problem: format!("has {bytes} bytes; at most {MAX_HEADER_BYTES} are allowed") })
+    Err(ModelError::part("the header", format!("has {bytes} bytes; at most {MAX_HEADER_BYTES} are allowed")))
 }
 
 /// Refuses what is no model file, and one of another version.
@@ -210,6 +211,11 @@ fn choice<T: Copy>(entries: &mut Entries, key: &str, named: &[(&str, T)]) -> Res
     choice.ok_or_else(|| ModelError::must_be(key, listed(named), quoted(&text)))
 }
 
+/// Tensors that do not lie side by side from the header to the end of the file.
+fn not_filled(problem: &str) -> ModelError {
+    ModelError::part("the tensors", format!("do not fill the file exactly: {problem}"))
+}
+
 /// Type, shape and place of a tensor, as a header has them.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -234,7 +240,7 @@ impl<'a> Tensors<'a> {
             let [start, end] = place.data_offsets;
             let Some(bytes) = data.get(start..end) else {
                 let problem = format!("'{name}' lies from byte {start} to {end} of {}", data.len());
-                return Err(ModelError::Layout { problem });
+                return Err(not_filled(&problem));
             };
             tensors.insert(name.as_str(), (place, bytes));
         }
@@ -242,7 +248,7 @@ impl<'a> Tensors<'a> {
         places.sort_unstable();
         let end = places.iter().try_fold(0, |end, [start, next]| (*start == end).then_some(*next));
         if end != Some(data.len()) {
-            return Err(ModelError::Layout { problem: "there are gaps or overlaps".to_owned() });
+            return Err(not_filled("there are gaps or overlaps"));
         }
         Ok(Self(tensors))
     }
@@ -258,7 +264,7 @@ impl<'a> Tensors<'a> {
         }
         let len = shape.iter().try_fold(size, |len, n| len.checked_mul(*n));
         if len != Some(bytes.len()) {
-            return Err(ModelError::Layout { problem: format!("'{name}' has {} bytes", bytes.len()) });
+            return Err(not_filled(&format!("'{name}' has {} bytes", bytes.len())));
         }
         let of = if wanted == "F32" { Tensor::of_singles } else { Tensor::of_doubles };
         Ok(Some(of(shape.clone(), bytes)))
@@ -375,7 +381,9 @@ impl Model {
             let scales = multiband.scales();
             let shape = vec![multiband.n_bands(), self.n_axes];
             tensors.push(OneTensor::new("band_scales", shape, |index| scales.bands[index]));
-            tensors.extend(multiband.spec().level.then(|| OneTensor::list("level_scales", &scales.level)));
+            tensors.extend(
+                multiband.spec().wants(Block::Level).then(|| OneTensor::list("level_scales", &scales.level)),
+            );
         }
         for (name, (n_rows, values)) in
             [SCALING, DIRECTIONS, MEANS].into_iter().zip(self.novelty().into_iter().flatten())

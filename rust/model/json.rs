@@ -117,8 +117,11 @@ pub(super) fn write_paper(spec: &FeatureSpec) -> String {
 
 /// Text of multi-band features.
 pub(super) fn write_multiband(spec: &MultiBandSpec) -> String {
-    let named = Block::NAMED.into_iter().filter(|(_, block)| spec.wants(*block));
-    text(&MultiBandJson { blocks: named.map(|(name, _)| name.to_owned()).collect(), rate_hz: spec.rate_hz })
+    text(&MultiBandJson { blocks: names_of(spec).map(str::to_owned).collect(), rate_hz: spec.rate_hz })
+}
+
+fn names_of(spec: &MultiBandSpec) -> impl Iterator<Item = &'static str> + '_ {
+    Block::NAMED.into_iter().filter(|(_, block)| spec.wants(*block)).map(|(name, _)| name)
 }
 
 fn text(spec: &impl Serialize) -> String {
@@ -146,15 +149,13 @@ pub(super) fn read_paper(text: &str) -> Result<FeatureSpec, ModelError> {
 /// Multi-band features, whose blocks are named once each and in order.
 pub(super) fn read_multiband(text: &str) -> Result<MultiBandSpec, ModelError> {
     let MultiBandJson { blocks, rate_hz } = parsed_object(WHAT, text)?;
-    let has = Block::NAMED.map(|(name, _)| blocks.iter().any(|block| block == name));
-    let in_order = Block::NAMED.iter().zip(has).filter(|(_, has)| *has).map(|((name, _), _)| *name);
-    if !blocks.iter().map(String::as_str).eq(in_order) {
+    let spec = MultiBandSpec::of(rate_hz, |block| blocks.iter().any(|name| name == block.name()));
+    if !blocks.iter().map(String::as_str).eq(names_of(&spec)) {
         let names = Block::NAMED.map(|(name, _)| name).join(", ");
         let problem = format!("'blocks' must be a list of blocks in the order {names}");
         return Err(ModelError::Json { what: WHAT, problem });
     }
-    let [coupling, quantiles, envelope, spectrum, level] = has;
-    Ok(MultiBandSpec { rate_hz, coupling, quantiles, envelope, spectrum, level })
+    Ok(spec)
 }
 
 fn choice<T: Copy>(name: &str, text: &str, named: &[(&str, T)]) -> Result<T, ModelError> {

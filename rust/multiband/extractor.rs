@@ -474,18 +474,12 @@ impl MultiBand {
     /// Refuses a batch that is empty, of another number of values, or of recordings that are not of this shape.
     #[doc(hidden)]
     pub fn check_batch(&self, len: usize, shape: BatchShape) -> Result<()> {
-        let BatchShape { n_recordings, n_samples, n_axes } = shape;
-        if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
-            return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
-        }
+        shape.check(len)?;
+        let BatchShape { n_samples, n_axes, .. } = shape;
         if n_samples > self.n_samples() || n_axes != self.n_axes() {
             let wanted = format_args!("have at most {} samples of {} axes", self.n_samples(), self.n_axes());
             let got = format_args!("{n_samples} samples of {n_axes}");
             return Err(Error::argument("recordings", wanted, got));
-        }
-        let expected = n_recordings.saturating_mul(shape.recording_len());
-        if len != expected {
-            return Err(Error::Length { what: "wrench", expected, got: len });
         }
         Ok(())
     }

@@ -65,57 +65,33 @@ impl Block {
 
 /// What to compute from a recording. The default is all blocks but the level, which tells sessions apart as readily as
 /// materials.
-#[allow(clippy::struct_excessive_bools)] // each is a choice of its own
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct MultiBandSpec {
     /// Sampling rate in hertz. It names the bands; no feature depends on it.
     pub rate_hz: f64,
-    /// Include [`Block::Coupling`].
-    pub coupling: bool,
-    /// Include [`Block::Quantiles`].
-    pub quantiles: bool,
-    /// Include [`Block::Envelope`].
-    pub envelope: bool,
-    /// Include [`Block::Spectrum`].
-    pub spectrum: bool,
-    /// Include [`Block::Level`].
-    pub level: bool,
+    /// Whether each block is included, in order.
+    pub(super) blocks: [bool; Block::NAMED.len()],
 }
 
 impl Default for MultiBandSpec {
     fn default() -> Self {
-        Self { rate_hz: 500.0, coupling: true, quantiles: true, envelope: true, spectrum: true, level: false }
+        Self::of(500.0, |block| block != Block::Level)
     }
 }
 
-setters! {
-    MultiBandSpec:
-    with_rate_hz rate_hz f64,
-    with_coupling coupling bool,
-    with_quantiles quantiles bool,
-    with_envelope envelope bool,
-    with_spectrum spectrum bool,
-    with_level level bool,
-}
+setters! { MultiBandSpec: with_rate_hz rate_hz f64, }
 
 impl MultiBandSpec {
     /// The blocks for which `wants` is true.
     pub fn of(rate_hz: f64, wants: impl Fn(Block) -> bool) -> Self {
-        let [coupling, quantiles, envelope, spectrum, level] = Block::NAMED.map(|(_, block)| wants(block));
-        Self { rate_hz, coupling, quantiles, envelope, spectrum, level }
+        Self { rate_hz, blocks: Block::NAMED.map(|(_, block)| wants(block)) }
     }
 
     /// Whether a block is asked for.
     #[must_use]
     pub const fn wants(&self, block: Block) -> bool {
-        match block {
-            Block::Coupling => self.coupling,
-            Block::Quantiles => self.quantiles,
-            Block::Envelope => self.envelope,
-            Block::Spectrum => self.spectrum,
-            Block::Level => self.level,
-        }
+        self.blocks[block as usize]
     }
 
     /// Blocks asked for that recordings of so many samples have.

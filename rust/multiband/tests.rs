@@ -9,14 +9,7 @@ use super::*;
 use crate::features::MAX_SAMPLES;
 use crate::{BatchShape, Error, SimdPath};
 
-const ALL: MultiBandSpec = MultiBandSpec {
-    rate_hz: 500.0,
-    coupling: true,
-    quantiles: true,
-    envelope: true,
-    spectrum: true,
-    level: true,
-};
+const ALL: MultiBandSpec = MultiBandSpec { rate_hz: 500.0, blocks: [true; 5] };
 
 fn design(n_samples: usize, n_axes: usize) -> MultiBand {
     let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap();
@@ -209,13 +202,7 @@ fn errors_name_what_is_wrong() {
     ));
     assert!(matches!(refused(ALL, 0, 2, &unit), Error::Empty { .. }));
     assert!(matches!(refused(ALL, 21, 3, &unit), Error::Length { what: "scales", .. }));
-    let none = MultiBandSpec {
-        coupling: false,
-        quantiles: false,
-        envelope: false,
-        spectrum: true,
-        ..Default::default()
-    };
+    let none = MultiBandSpec::of(500.0, |block| block == Block::Spectrum);
     let short = refused(none, 3, 2, &unit);
     assert!(matches!(short, Error::Argument { what: "blocks", .. }));
     let mut zero = unit.clone();

@@ -93,31 +93,12 @@ fn count(value: &Bound<'_, PyAny>, name: &str) -> PyResult<usize> {
     }
 }
 
-fn optional_count(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<usize>> {
-    if value.is_none() {
-        Ok(None)
-    } else {
-        count(value, name).map(Some)
-    }
-}
-
-fn optional_number(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<f64>> {
-    if value.is_none() {
-        Ok(None)
-    } else {
-        number(value, name).map(Some)
-    }
-}
-
-fn optional_whole(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<u64>> {
-    if value.is_none() {
-        Ok(None)
-    } else {
-        whole(value, name).map(Some)
-    }
-}
-
 macro_rules! converters {
+    (optional: $($convert:ident $type:ty: $($name:ident)*;)*) => {$($(
+        pub(crate) fn $name(value: &Bound<'_, PyAny>) -> PyResult<Option<$type>> {
+            (!value.is_none()).then(|| super::$convert(value, stringify!($name))).transpose()
+        }
+    )*)*};
     ($($convert:ident $type:ty: $($name:ident)*;)*) => {$($(
         pub(crate) fn $name(value: &Bound<'_, PyAny>) -> PyResult<$type> {
             super::$convert(value, stringify!($name))
@@ -145,9 +126,10 @@ pub(super) mod optional {
     use pyo3::prelude::*;
 
     converters! {
-        optional_number Option<f64>: t;
-        optional_whole Option<u64>: host_ns now_ns;
-        optional_count Option<usize>: hop max_rows n_axes n_samples threads;
+        optional:
+        number f64: t;
+        whole u64: host_ns now_ns;
+        count usize: hop max_rows n_axes n_samples threads;
     }
 }
 

@@ -25,6 +25,7 @@ use granular_id::model::{
     Extraction, Features, Loss, Metadata, ModelError, ModelFileError as FileError, ModelParts, NoveltyParts,
     Tensor,
 };
+use granular_id::multiband::Block;
 use granular_id::{Error, Model};
 
 create_exception!(
@@ -439,7 +440,7 @@ fn features<'a>(spec: &'a Bound<'_, PyAny>) -> PyResult<(Features<'a>, Option<(u
     let features = Features::MultiBand {
         spec: *design.spec(),
         band_scales: Tensor::new(vec![design.n_bands(), n_axes], &scales.bands),
-        level_scales: design.spec().level.then(levels),
+        level_scales: design.spec().wants(Block::Level).then(levels),
     };
     Ok((features, Some((design.n_samples(), n_axes))))
 }

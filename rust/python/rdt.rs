@@ -14,7 +14,7 @@ impl Raise for RdtError {
     fn raise(self) -> PyErr {
         let message = self.to_string();
         match self {
-            RdtError::Scale { .. } | RdtError::Setting { .. } => GranularIdError::new_err(message),
+            RdtError::Setting { .. } => GranularIdError::new_err(message),
             RdtError::Refused { .. } => PyConnectionRefusedError::new_err(message),
             RdtError::Silent { .. } => PyTimeoutError::new_err(message),
             // the host and the system, and what is to come

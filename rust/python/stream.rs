@@ -4,7 +4,7 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use numpy::{PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -13,7 +13,6 @@ use crate::features::PyFeatureSpec;
 use crate::model::PyModel;
 use granular_id::bindings::ranking;
 use granular_id::stream::{StreamingExtractor, StreamingIdentifier, Windows};
-use granular_id::Model;
 
 /// Features of a recording while its samples arrive, equal to those of the whole recording bit for bit.
 ///
@@ -199,6 +198,7 @@ impl PyStreamingIdentifier {
         self.stream().push(rows.as_slice()?).or_raise()
     }
 
+<<<<<<< HEAD
     /// Scores `(L,)` of the learners; written to `out` and returned, where it is given.
     #[pyo3(signature = (out = None))]
     fn scores<'py>(
@@ -217,6 +217,19 @@ impl PyStreamingIdentifier {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         self.written(py, out, |model| model.classes().len(), StreamingIdentifier::losses)
+=======
+    /// Scores `(L,)` of the learners.
+    fn scores<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        // Borrowed for a moment only, in which nothing of Python's runs: any thread finds the stream free.
+        let scores = slf.try_borrow_mut()?.stream.scores().or_raise()?.to_vec();
+        Ok(PyArray1::from_vec(slf.py(), scores))
+    }
+
+    /// Mean losses `(K,)` of the classes: the smallest wins, the first of equal ones.
+    fn losses<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let losses = slf.try_borrow_mut()?.stream.losses().or_raise()?.to_vec();
+        Ok(PyArray1::from_vec(slf.py(), losses))
+>>>>>>> 3d963978 (Refusals of a batch, of a model and of a box in one place each; blocks of a multi-band specification are a set)
     }
 
     /// Everything about the answer at one moment.
@@ -281,6 +294,7 @@ fn rows<'py>(array: &Bound<'py, PyArrayDyn<f64>>, n_axes: usize) -> PyResult<PyR
     }
     Err(wrong_shape("wrench", format_args!("(k, {n_axes}) or ({n_axes},)"), array.shape()))
 }
+<<<<<<< HEAD
 
 impl PyStreamingExtractor {
     fn stream(&self) -> MutexGuard<'_, StreamingExtractor> {
@@ -308,3 +322,5 @@ impl PyStreamingIdentifier {
         Ok(out)
     }
 }
+=======
+>>>>>>> 3d963978 (Refusals of a batch, of a model and of a box in one place each; blocks of a multi-band specification are a set)

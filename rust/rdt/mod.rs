@@ -88,12 +88,12 @@ impl Settings {
     /// Refuses numbers that no box has; [`Receiver::start`] does so too.
     pub fn check(&self) -> Result<(), RdtError> {
         if let Some(limit) = self.limits.into_iter().find(|limit| limit.is_nan() || *limit <= 0.0) {
-            return Err(RdtError::Setting { what: "limits", wanted: "positive", value: limit });
+            return Err(RdtError::Setting { what: "limits", wanted: "positive".to_owned(), value: limit });
         }
         if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
             return Err(RdtError::Setting {
                 what: "rate_hz",
-                wanted: "positive and finite",
+                wanted: "positive and finite".to_owned(),
                 value: self.rate_hz,
             });
         }
@@ -174,25 +174,13 @@ counters! {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RdtError {
-    /// A scale that no sensor has.
-    #[error("{what} must be from {least} to {most:e}, got {}", short_number(*.value))]
-    Scale {
-        /// Which one.
-        what: &'static str,
-        /// The value given.
-        value: f64,
-        /// The least that is believed.
-        least: f64,
-        /// The most.
-        most: f64,
-    },
-    /// A number among the settings outside its range.
+    /// A scale or another setting that no box has.
     #[error("{what} must be {wanted}, got {}", short_number(*.value))]
     Setting {
         /// Which one.
         what: &'static str,
         /// The range.
-        wanted: &'static str,
+        wanted: String,
         /// The value given.
         value: f64,
     },

@@ -161,7 +161,7 @@ fn checked(what: &'static str, value: f64, (least, most): (f64, f64)) -> Result<
     if value >= least && value <= most {
         Ok(())
     } else {
-        Err(RdtError::Scale { what, value, least, most })
+        Err(RdtError::Setting { what, wanted: format!("from {least} to {most:e}"), value })
     }
 }
 
@@ -266,11 +266,14 @@ mod tests {
     #[test]
     fn absurd_scales_are_refused() {
         for value in [0.0, -1e6, f64::NAN, f64::INFINITY, 0.999, 1.001e9] {
-            assert!(matches!(Scale::new(value, 1e6), Err(RdtError::Scale { what: "counts_per_newton", .. })));
+            assert!(matches!(
+                Scale::new(value, 1e6),
+                Err(RdtError::Setting { what: "counts_per_newton", .. })
+            ));
         }
         for value in [0.0, -1e6, f64::NAN, f64::INFINITY, 0.999, 1.001e12] {
             let error = Scale::new(1e6, value);
-            assert!(matches!(error, Err(RdtError::Scale { what: "counts_per_newton_metre", .. })));
+            assert!(matches!(error, Err(RdtError::Setting { what: "counts_per_newton_metre", .. })));
         }
         assert!(Scale::new(1.0, 1.0).is_ok() && Scale::new(1e9, 1e12).is_ok());
     }

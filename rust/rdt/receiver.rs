@@ -123,7 +123,11 @@ impl Receiver {
             settings.check()?;
             let n_axes = writer.spec().n_axes;
             if n_axes != AXES.len() {
-                return Err(RdtError::Setting { what: "n_axes", wanted: "6", value: n_axes as f64 });
+                return Err(RdtError::Setting {
+                    what: "n_axes",
+                    wanted: "6".to_owned(),
+                    value: n_axes as f64,
+                });
             }
             let (socket, receive_buffer) = connected(&settings)?;
             let incoming =

@@ -46,12 +46,7 @@ impl Default for Windows {
     }
 }
 
-setters! {
-    Windows:
-    with_n_samples n_samples usize,
-    with_n_axes n_axes usize,
-    with_hop hop Option<usize>,
-}
+setters! { Windows: with_hop hop Option<usize>, }
 
 impl Windows {
     /// One window of so many samples of so many axes, from the first row on.

@@ -194,11 +194,11 @@ fn windows_refuse_with_the_reason() {
     push(&mut writer, [0, 1, 4, 5]);
     assert_eq!(refused(WindowSpec::whole(21)), WindowError::TooLong { n: 21, capacity: 20 });
     assert_eq!(refused(WindowSpec::whole(3)), WindowError::Gap { missing: 2, max_gap: 0, ago: 1 });
-    let filled = WindowSpec::whole(5).with_fill(Fill::Linear).with_max_gap(2);
-    let window = reader.window(&filled).unwrap();
+    let filled = |n| WindowSpec::whole(n).with_fill(Fill::Linear).with_max_gap(2);
+    let window = reader.window(&filled(5)).unwrap();
     assert_eq!(window.mask, [true, false, false, true, true]);
     assert_eq!(window.wrench.chunks(6).map(|row| row[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 4.0, 5.0]);
-    assert_eq!(refused(filled.with_n(7)), WindowError::TooFew { n: 7, have: 6 });
+    assert_eq!(refused(filled(7)), WindowError::TooFew { n: 7, have: 6 });
     writer.push(&Row { flags: SATURATED, ..row(6) });
     push(&mut writer, [7]);
     assert_eq!(refused(WindowSpec::whole(2)), WindowError::Saturated { ago: 1 });

@@ -209,7 +209,7 @@ fn rows_too_large_are_not_taken() {
 
 #[test]
 fn cut_or_changed_bytes_are_a_model_or_an_error() {
-    let spec = MultiBandSpec::default().with_coupling(false).with_spectrum(false).with_level(true);
+    let spec = MultiBandSpec::of(500.0, |block| !matches!(block, Block::Coupling | Block::Spectrum));
     let good = random_banded(3, 5, 1, spec).to_bytes().unwrap();
     no_flipped_bit_is_read(&good);
     damage_is_an_error_or_a_model(&good, &[0.25, -1.0, 2.0, 0.0, 1.0], |error| {
@@ -219,7 +219,7 @@ fn cut_or_changed_bytes_are_a_model_or_an_error() {
 
 /// Why a small file with another header is refused.
 fn refused(change: impl FnOnce(String) -> String) -> String {
-    let model = random_banded(2, 8, 1, MultiBandSpec::default().with_level(true));
+    let model = random_banded(2, 8, 1, MultiBandSpec::of(500.0, |_| true));
     let good = model.to_bytes().unwrap();
     let end = 8 + usize::try_from(u64::from_le_bytes(*good.first_chunk().unwrap())).unwrap();
     let header = change(std::str::from_utf8(&good[8..end]).unwrap().to_owned());
@@ -270,7 +270,7 @@ fn features_that_do_not_fit_are_errors() {
         crate::twins::models::parts_of(features, &coef, 8, 1).unwrap_err()
     };
     let spec = MultiBandSpec::default();
-    let level = spec.with_level(true);
+    let level = MultiBandSpec::of(500.0, |_| true);
     let text = |spec, n_bands: usize, levels| refused(spec, &ones[..n_bands], levels).to_string();
     let error = text(spec, n_bands + 1, None);
     assert!(error.starts_with("band_scales must have shape"), "{error}");
@@ -294,7 +294,7 @@ fn features_that_do_not_fit_are_errors() {
     ] {
         assert_eq!(text(spec, n_bands, levels), message);
     }
-    let none = spec.with_coupling(false).with_quantiles(false).with_envelope(false).with_spectrum(false);
+    let none = MultiBandSpec::of(500.0, |_| false);
     assert!(matches!(
         refused(none, &ones[..n_bands], None),
         ModelError::Spec(Error::Argument { what: "blocks", .. })

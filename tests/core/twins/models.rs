@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use granular_id::model::{Features, ModelError, ModelParts, Tensor, MAX_FILE_BYTES};
-use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
+use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
 use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, FeatureSpec, Model};
 use safetensors::SafeTensors;
@@ -29,7 +29,7 @@ pub fn random_banded(n_classes: usize, n_samples: usize, n_axes: usize, spec: Mu
     let features = Features::MultiBand {
         spec,
         band_scales: Tensor::new(vec![bands, n_axes], &scales.bands),
-        level_scales: spec.level.then(|| Tensor::new(vec![n_axes], &scales.level)),
+        level_scales: spec.wants(Block::Level).then(|| Tensor::new(vec![n_axes], &scales.level)),
     };
     random_of(features, (0, n_features), (n_samples, n_axes), n_classes)
 }
