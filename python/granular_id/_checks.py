@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from numbers import Integral, Real
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from numpy.typing import NDArray
 
 from granular_id._core import GranularIdError
-from granular_id._text import fixed
+from granular_id._text import WayOut, fixed
 
 FloatArray = NDArray[np.float64]
 
@@ -36,6 +36,34 @@ def argument_error(kind: type[ArgumentError], argument: str, problem: str) -> Ar
     error = kind(f"{argument}{'' if problem[0] in '=[: ' else ' '}{problem}")
     error.argument = argument  # type: ignore[attr-defined]
     return error
+
+
+class WayOutError(GranularIdError):
+    """A refusal that says how to go on: of its `parts` each `WayOut` is one way, the best first."""
+
+    def __init__(self, *parts: str) -> None:
+        super().__init__("".join(parts))
+        self.parts = parts
+
+    @property
+    def problem(self) -> str:
+        """What came and what is wanted, with the ways out."""
+        return "".join(self.parts)
+
+    @property
+    def ways(self) -> list[Mapping[str, Any]]:
+        """The options of each way out."""
+        return [part.options for part in self.parts if isinstance(part, WayOut) and part.options]
+
+    @property
+    def in_python(self) -> bool:
+        """Whether lines of Python are a way out."""
+        return any(isinstance(part, WayOut) and part.code for part in self.parts)
+
+
+def parts_of(problem: str | Sequence[str]) -> tuple[str, ...]:
+    """Return the parts of a message, which may be one text."""
+    return (problem,) if isinstance(problem, str) else tuple(problem)
 
 
 # Numbers. True and False are none.

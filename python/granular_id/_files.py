@@ -27,6 +27,9 @@ RECORDINGS = (*_TEXTS, *_ARRAYS, ".mcap", ".bag", ".db3")
 
 PICTURES = (".png", ".svg", ".pdf")
 
+NO_FOLDERS = (".txt", ".xlsx", ".xls", ".ods", ".feather", ".json", ".pkl", ".zip", ".gz", ".tar")
+"""Endings of files that are no names of folders."""
+
 _OTHERS = (".rrd", ".jsonl", ".ndjson", ".eps", ".jpg", ".jpeg")
 _KNOWN = (*JSON, *PAGES, *TABLES, *MODELS, *RECORDINGS, *PICTURES, *_OTHERS)
 

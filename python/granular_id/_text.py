@@ -6,9 +6,10 @@ import ast
 import math
 import re
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from types import MappingProxyType
 from typing import Any
 
 
@@ -89,21 +90,75 @@ def known_label(name: str, known: Iterable[str]) -> str:
     return alike[0] if name not in every and len(alike) == 1 else name
 
 
-def in_both(**arguments: Any) -> str:
-    """Name arguments of `load` as in Python and, in brackets, as on the command line.
+class Unknown(str):
+    """What stands for a value that only the user knows: it is printed as it is, and no command is made of it."""
 
-    ``csv={'skiprows': 7} (--csv skiprows=7)``: the command that a refusal ends with is made of such brackets.
-    """
+    __slots__ = ()
+    __repr__ = str.__str__
+
+
+RATE, UNITS = Unknown("RATE"), Unknown("UNITS")
+
+
+class WayOut(str):
+    """A way out as a message says it: `options`, or `code` that makes ``data``, and `why` it may be so."""
+
+    options: Mapping[str, Any] = MappingProxyType({})
+    code: str = ""
+    why: str = ""
+
+    @property
+    def plain(self) -> str:
+        """The words without those of the command line."""
+        return ", ".join(f"{name}={value!r}" for name, value in self.options.items())
+
+
+def in_both(**options: Any) -> WayOut:
+    """Name options of `load` as in Python and, in brackets, as typed: ``csv={'skiprows': 7} (--csv skiprows=7)``."""
+    bracketed = typed(**options)
+    way = WayOut(f"{bracketed.plain} {bracketed}".removesuffix(" ()"))
+    way.options = options
+    return way
+
+
+def typed(**options: Any) -> WayOut:
+    """Name options of ``data convert``, in brackets: ``(--resample-hz 500)``."""
+    way = WayOut(f"({command_words(options)})")
+    way.options = options
+    return way
+
+
+def is_unknown(options: Mapping[str, Any]) -> bool:
+    """Whether a value is one that only the user knows."""
+    return any(isinstance(value, Unknown) for value in options.values())
+
+
+def alternatives(ways: Iterable[str]) -> list[str]:
+    """Put an "or" between ways out, as parts of a message."""
+    return [part for way in ways for part in (" or ", way)][1:]
+
+
+def command_words(options: Mapping[str, Any]) -> str:
+    """Return options, called as those of `load`, as they are typed."""
     words = []
-    for name, value in arguments.items():
-        texts = (
-            [f"{key}={_typed(each)}" for key, each in value.items()]
-            if isinstance(value, dict)
-            else [str(value)]
-        )
-        words += [f"--{name.replace('_', '-')} {shlex.quote(text)}" for text in texts]
-    given = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
-    return f"{given} ({' '.join(words)})"
+    for name, value in options.items():
+        if isinstance(value, Mapping):
+            texts = [f"{key}={_typed(each)}" for key, each in value.items()]
+        elif isinstance(value, (list, tuple)):
+            texts = [",".join(map(str, value))]
+        else:
+            texts = [f"{value:.9g}" if isinstance(value, float) else str(value)]
+        if name != PYTHON_ONLY:
+            option = _OPTIONS.get(name, name.replace("_", "-"))
+            words += [f"--{option} {shlex.quote(text)}" for text in texts]
+    return " ".join(words)
+
+
+PYTHON_ONLY = "on_time_error"
+"""What `load` takes, and no command."""
+
+_OPTIONS = {"rate_hz": "recorded-hz"}
+"""Options that are not called like the argument of `load`."""
 
 
 def _typed(value: Any) -> str:

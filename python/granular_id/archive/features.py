@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from granular_id._checks import FloatArray, argument_error
+from granular_id._checks import FloatArray, WayOutError, argument_error
 from granular_id._core import AXES, FeatureSpec, GranularIdError, MultiBandExtractor
 from granular_id._progress import ProgressCallback
-from granular_id._text import counted
+from granular_id._text import counted, typed
 from granular_id.archive.partitions import ABOUT, Extraction, Outputs, one_of_each, pa, pq, run
 from granular_id.features import extract_features
 from granular_id.identifier import Identifier
@@ -139,11 +139,16 @@ class FeaturesSpec:
 
     def check(self, archive: Archive) -> None:
         """Refuse other rates and lengths."""
-        resample = f"call .resample({self.rate_hz:g}) (--resample-hz {self.rate_hz:g}) on the recordings"
+        resample = (
+            f"call .resample({self.rate_hz:g}) ",
+            typed(resample_hz=self.rate_hz),
+            " on the recordings",
+        )
         duration_s = (self.n_samples or 1) / self.rate_hz
         align = (
-            f"call .align on the recordings (--duration-s {duration_s:.9g}), or take space='hfmh' (--space hfmh), "
-            "whose counts need no one length"
+            "call .align on the recordings ",
+            typed(duration_s=duration_s),
+            ", or take space='hfmh' (--space hfmh), whose counts need no one length",
         )
         for column, unit, of_each, wanted, way_out in (
             ("rate_hz", "Hz", "Hz", self.rate_hz, resample),
@@ -156,7 +161,7 @@ class FeaturesSpec:
                 came = "is sampled irregularly" if np.isnan(values[row]) else f"has {values[row]:g} {unit}"
                 name = archive.index["name"][row].as_py()
                 wants = f"{self.title} want {wanted:g} {of_each}"
-                raise GranularIdError(f"recording {name!r} {came}, {wants}: {way_out}")
+                raise WayOutError(f"recording {name!r} {came}, {wants}: ", *way_out)
 
     def names(self) -> list[str]:
         """Names of the features, in order."""

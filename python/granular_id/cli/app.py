@@ -25,7 +25,7 @@ from granular_id.cli.interrupts import raise_again
 from granular_id.cli.live import live
 from granular_id.cli.outputs import show
 from granular_id.cli.record import record
-from granular_id.cli.recordings import way_out
+from granular_id.cli.recordings import with_way_out
 from granular_id.cli.setup import setup
 from granular_id.cli.train import model, train
 
@@ -76,9 +76,7 @@ class Commands(TyperGroup):
             if isinstance(error, ImportError) and error.name is not None:
                 raise
             said = _words_of(error, _option_names(self))
-            converting: Any = self.commands["data"]
-            options = {name for one in converting.commands["convert"].params for name in one.opts}
-            show(f"error: {said}{way_out(error, options)}", "bold red", err=True)
+            show(f"error: {with_way_out(error, said)}", "bold red", err=True)
             raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None
         finally:
             warnings.showwarning, sys.unraisablehook = before

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
+from granular_id._checks import WayOutError
 from granular_id._core import GranularIdError
 from granular_id._files import check_source, made_folder
-from granular_id._text import Table, counted, verb
+from granular_id._text import Table, counted, typed, verb
 from granular_id.cli import options as opt
 from granular_id.cli.outputs import ROOM, print_table, show
 from granular_id.cli.recordings import about
@@ -123,11 +124,12 @@ def _refuse_other_rate(data: Dataset, rates: set[float | None], path: Path, arch
     other = next((one for one in data if one.rate_hz != known), None)
     if other is not None:
         came, wanted = ("no even rate" if rate is None else f"{rate:g} Hz" for rate in (other.rate_hz, known))
-        help_ = "" if known is None else f" (--resample-hz {known:g})"
+        way_out = () if known is None else (" ", typed(resample_hz=known))
         with about(path):
-            raise GranularIdError(
+            raise WayOutError(
                 f"{path}: recording {other.name!r} has {came}, those of the archive {archive} have {wanted}: name "
-                f"another archive, or bring them to one rate{help_}"
+                "another archive, or bring them to one rate",
+                *way_out,
             )
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Argument, Option
 
 from granular_id._core import GranularIdError
-from granular_id._files import RECORDINGS, check_source, whole_file
+from granular_id._files import NO_FOLDERS, RECORDINGS, check_source, whole_file
 from granular_id._text import counted
 from granular_id.cli import options as opt
 from granular_id.cli.outputs import DATA_SET, check_outputs, show
@@ -275,7 +275,9 @@ def save(data: Dataset, output: Path) -> None:
 def _format_of(output: Path) -> str | None:
     """Return the format that a name asks for: a folder without an ending is one of CSV files."""
     formats = {".npz": "npz", ".parquet": "parquet"}
-    return formats.get(output.suffix.lower(), None if output.name.lower().endswith(RECORDINGS) else "csv")
+    return formats.get(
+        output.suffix.lower(), None if output.name.lower().endswith((*RECORDINGS, *NO_FOLDERS)) else "csv"
+    )
 
 
 def _save_checked(data: Dataset, output: Path) -> None:

@@ -93,7 +93,7 @@ Session = Annotated[str | None, Option(help="Where sessions stand, what was reco
 Axes = Annotated[str | None, Option(help="Columns that are the axes: wx,wy,wz. Default: fx,fy,fz,tx,ty,tz.")]
 Units = Annotated[
     str | None,
-    Option(help="Units that files do not state: one, one an axis, or one a run of axes (rad/s,m/s2)."),
+    Option(help="Units that files do not state: one, one an axis, or one for each three (rad/s,m/s2)."),
 ]
 Csv = Annotated[list[str] | None, Option(help="KEY=VALUE for pandas.read_csv: skiprows=7. Repeatable.")]
 

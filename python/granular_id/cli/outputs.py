@@ -51,7 +51,9 @@ def show(
 
 
 def _broken(line: str, width: int) -> list[str]:
-    """Break a line; one that is to be typed goes on after a backslash."""
+    """Break a line; one that is to be typed goes on after a backslash, and code in quotes is whole."""
+    if line.startswith("python -c "):
+        return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     typed = line.lstrip().startswith("granular-id ")
     pieces = textwrap.wrap(

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import math
-import re
 import shlex
-from collections.abc import Iterator, Set
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from granular_id._checks import WayOutError
 from granular_id._core import GranularIdError
-from granular_id._text import counted, in_both, verb
+from granular_id._text import PYTHON_ONLY, RATE, WayOut, command_words, counted, is_unknown, typed, verb
 from granular_id.cli.outputs import show
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
 
-_PAUSE_S = 1.0
-"""So long a pause is none of jitter: several pushes stand in one log."""
-
 _MOST_LINES = 6
+
+_SPECIAL = '"$`\\!'
+"""What a shell takes for something else between double quotes."""
 
 _OF_INFO = ("label", "session", "axes", "units", "csv")
 
@@ -39,7 +39,7 @@ def read(path: Path, *, prepared: bool = False, quiet: bool = False, **options: 
         if prepared and (
             not data.labels or len({(r.rate_hz, r.n_samples) for r in data}) > 1 or not data[0].rate_hz
         ):
-            raise _unprepared(data)
+            raise _unprepared(data, path)
     except GranularIdError as error:
         _tell(error, path, options)
         raise
@@ -64,43 +64,58 @@ def about(path: Path) -> Iterator[None]:
 
 
 def _tell(error: Any, path: Path, options: dict[str, Any]) -> None:
-    """Give a refusal what it is about: `way_out` makes a command of it."""
-    error.source = path, options
+    """Give a refusal what it is about: `with_way_out` makes a command of it."""
+    error.source = path, {name: value for name, value in options.items() if value is not None}
     if getattr(error, "skippable", False):
-        error.args = (f"{error}; or leave such files out (--on-error skip)",)
+        error.parts += ("; or leave such files out ", typed(on_error="skip"))
+        error.args = (f"{error}{''.join(error.parts[-2:])}",)
 
 
-def way_out(error: Exception, converts: Set[str]) -> str:
-    """Return the command that prepares recordings as a refusal says: it names options, ``(--csv skiprows=7)``.
+def with_way_out(error: Exception, said: str) -> str:
+    """Return what is said of an error, and below it the commands that prepare recordings so, the best first.
 
-    `converts`: the options of ``data convert``. Empty where the refusal names others or none, or converting was it.
+    Lines of Python become one of them where they need nothing that only the user knows.
     """
+    from granular_id.io.files import printable
+    from granular_id.io.ways_out import joined
+
     path, given = getattr(error, "source", (None, {}))
-    ways = [
-        way
-        for way in re.findall(r"\((--[^()]+)\)", str(error))
-        if {*re.findall(r"(?<!\S)--[\w-]+", way)} <= converts
-    ]
-    if path is None or not ways or "on_error" in given:
-        return ""
-    others = "".join(f"\nor with {way}" for way in ways[1:])
-    return f":\n{_convert(path)}{_typed(given)} {ways[0]}{others}"
+    if (
+        path is None or "on_error" in given or not isinstance(error, WayOutError)
+    ):  # then converting was refused
+        return said
+    ways = [joined(given, way) for way in error.ways if not is_unknown(way)]
+    commands = []
+    if first := next((way for way in ways if PYTHON_ONLY not in way), None):
+        words = (shlex.quote(str(path)), shlex.quote(_prepared(path)), command_words(first))
+        others = [way for way in error.ways if not is_unknown(way) and PYTHON_ONLY not in way][1:]
+        also = "".join(f"\nor with {command_words(way)}" for way in others)
+        commands.append(f"granular-id data convert {' '.join(words)}{also}")
+    for way in ways:
+        if PYTHON_ONLY in way:
+            options = ", ".join(f"{name}={value!r}" for name, value in way.items())
+            commands.append(
+                _python(f"from granular_id import load; data = load({str(path)!r}, {options})", path)
+            )
+    for part in error.parts:
+        if isinstance(part, WayOut) and part.code and RATE not in part.code:
+            said = said.replace(printable(part), "")
+            where = f"where {part.why}:\n" * bool(part.why)
+            commands.append(where + _python(part.code, path))
+    return said + ":\n" * bool(commands) + "\nor:\n".join(commands)
 
 
-def _typed(given: dict[str, Any]) -> str:
-    """Return options of `load` as they are typed."""
-    plain = {
-        name: value if isinstance(value, dict | str) else ",".join(value)
-        for name, value in given.items()
-        if value
-    }
-    words = [in_both(**{name: value}) for name, value in plain.items()]
-    return "".join(f" {text[text.index('(--') + 1 : -1]}" for text in words)
+def _python(code: str, path: Path) -> str:
+    """Return the command that runs lines of Python, and saves what they make."""
+    code += f"; from granular_id import save; save(data, {_prepared(path)!r})"
+    quoted = shlex.quote(code) if set(code) & set(_SPECIAL) else f'"{code}"'
+    return f"python -c {quoted}"
 
 
 def history_of(path: Path, given: dict[str, Any]) -> str:
     """Return the command that prints all of what reading and steps say of recordings."""
-    return f"granular-id data info {shlex.quote(str(path))}{_typed(given)} --details"
+    words = command_words({name: value for name, value in given.items() if value})
+    return f"granular-id data info {shlex.quote(str(path))} {words}{' ' * bool(words)}--details"
 
 
 def say_step(data: Dataset, *, err: bool = False, rest: str = "") -> Dataset:
@@ -117,62 +132,95 @@ def refuse_uneven(data: Dataset) -> None:
     """Refuse recordings without one rate, with the option that gives them one."""
     rates = {recording.rate_hz for recording in data}
     if None in rates or len(rates) > 1:
-        raise _unprepared(data)
+        raise _unprepared(data, None)
 
 
-def _convert(path: Path) -> str:
-    """Return the words that convert a path, up to the options; an archive becomes one."""
+def _prepared(path: Path) -> str:
+    """Return the name under which a path is converted; an archive becomes one."""
     from granular_id.io.parquet.layout import is_parquet_archive
 
     ending = "parquet" if is_parquet_archive(path) else "npz"
-    output = f"{path.resolve().stem}-prepared.{ending}"
-    return f"granular-id data convert {shlex.quote(str(path))} {shlex.quote(output)}"
+    return f"{path.resolve().stem}-prepared.{ending}"
 
 
-def _unprepared(data: Dataset) -> GranularIdError:
+def _unprepared(data: Dataset, path: Path | None) -> WayOutError:
     """Return the refusal of recordings without labels, one rate or one length; it names what gives them those."""
     import numpy as np
 
+    from granular_id.recording import PAUSE_S
+
     if not data.labels:
-        notes = (note for note in data.history[-1].notes if "no column label" in note)
-        return GranularIdError(
-            f"{next(notes, 'no recording has a label')}; say where it stands (--label file)"
-        )
+        return _unlabelled(data, path)
     rates = sorted({recording.rate_hz for recording in data if recording.rate_hz is not None})
     irregular = [recording for recording in data if recording.rate_hz is None]
     ends = [float(recording.times()[-1] - recording.times()[0]) for recording in data]
-    even = " --duration-s shortest" if max(ends) - min(ends) > 1e-9 else ""
+    even = {"duration_s": "shortest"} if max(ends) - min(ends) > 1e-9 else {}
     if irregular:
         some = f"{len(irregular)} of {counted(len(data))}"
         steps = np.concatenate([np.diff(recording.times()) for recording in irregular])
         if not steps.size:
             problem = f"{some} {verb(len(irregular), 'holds', 'hold')} a single sample, the first is"
-            return GranularIdError(f"{problem} {irregular[0].name!r}: wanted recordings of a whole push")
+            return WayOutError(f"{problem} {irregular[0].name!r}: wanted recordings of a whole push")
         step_s, gap_s = float(np.median(steps)), float(steps.max())
-        if gap_s >= _PAUSE_S:
-            return GranularIdError(
+        if gap_s >= PAUSE_S:
+            return WayOutError(
                 f"{some} {verb(len(irregular), 'has', 'have')} pauses of up to {gap_s:.3g} s; a recording of each "
-                f"stretch (--split-gap-s {_PAUSE_S:g})"
+                "stretch ",
+                typed(split_gap_s=PAUSE_S),
             )
-        fill = f" --max-gap-s {math.ceil(10 * gap_s) / 10:g}" if gap_s > 0.25 else ""
-        return GranularIdError(
+        fill = {"max_gap_s": math.ceil(10 * gap_s) / 10} if gap_s > 0.25 else {}
+        return WayOutError(
             f"{some} {verb(len(irregular), 'is', 'are')} sampled irregularly, with a median step of "
-            f"{1000 * step_s:.3g} ms and gaps of up to {1000 * gap_s:.3g} ms; nothing is resampled unasked "
-            f"(--resample-hz {_round_below(1 / step_s):g}{fill}{even})"
+            f"{1000 * step_s:.3g} ms and gaps of up to {1000 * gap_s:.3g} ms; nothing is resampled unasked ",
+            typed(resample_hz=_round_below(1 / step_s), **fill, **even),
         )
     if len(rates) > 1:
-        return GranularIdError(
-            f"recordings were sampled at {rates[0]:g} to {rates[-1]:g} Hz; nothing is resampled unasked "
-            f"(--resample-hz {rates[0]:g}{even})"
+        return WayOutError(
+            f"recordings were sampled at {rates[0]:g} to {rates[-1]:g} Hz; nothing is resampled unasked ",
+            typed(resample_hz=rates[0], **even),
         )
     short = min(data, key=lambda recording: recording.n_samples)
     lengths = sorted(recording.n_samples / data.rate_hz for recording in data)
-    return GranularIdError(
+    return WayOutError(
         f"recordings last {lengths[0]:.9g} to {lengths[-1]:.9g} s, the shortest is {short.name!r}; nothing is cropped "
-        "unasked: keep of all what the shortest has (--duration-s shortest), or leave out the shorter ones "
-        f"(--duration-s {lengths[len(lengths) // 2]:.9g} --on-error skip), or cut windows "
-        f"(--window-s {lengths[0]:.9g})"
+        "unasked: keep of all what the shortest has ",
+        typed(duration_s="shortest"),
+        ", or leave out the shorter ones ",
+        typed(duration_s=lengths[len(lengths) // 2], on_error="skip"),
+        ", or cut windows ",
+        typed(window_s=lengths[0]),
     )
+
+
+def _unlabelled(data: Dataset, path: Path | None) -> WayOutError:
+    """Say where labels may stand: in metadata, as those of an index.csv, else in folders or names of files."""
+    from granular_id.io.sources import label_of
+    from granular_id.recording import LABEL, meaning_of
+
+    listed = "no column label" in "".join(data.history[-1].notes)
+    problem = "index.csv has no column label" if listed else "no recording has a label"
+    texts = {key: [recording.meta.get(key) for recording in data] for key in data[0].meta if key != "read_as"}
+    kinds = {
+        key: len(set(values))
+        for key, values in texts.items()
+        if all(isinstance(value, str) and value for value in values)
+    }
+    named = [key for key in kinds if meaning_of(key).what == LABEL]
+    keys = named or [key for key, n in kinds.items() if 1 < n < len(data)]
+    if keys:
+        ways = [part for key in keys for part in (f"; if {key!r} is it ", typed(label=f"meta:{key}"))]
+        return WayOutError(f"{problem}; metadata hold {', '.join(texts)}", *ways)
+    if path is None or path.is_file():
+        return WayOutError(f"{problem}: keep a file or a folder for each material, called like it")
+    places = [Path(recording.name) for recording in data]
+    labels = {label_of(place) for place in places}
+    ways = (
+        ["; if their folder is it ", typed(label="folder")] if all(len(p.parts) > 1 for p in places) else []
+    )
+    if None not in labels:
+        some = ", ".join(sorted(filter(None, labels))[:3])
+        ways += [f"; if the name of the file is it ({some}) ", typed(label="file")]
+    return WayOutError(problem, *ways, "; an index.csv with the columns file and label may say it")
 
 
 def _round_below(rate_hz: float) -> float:

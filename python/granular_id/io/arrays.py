@@ -11,13 +11,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._text import in_both
+from granular_id._text import UNITS, WayOut, alternatives, in_both
 from granular_id.io.files import RecordingFileError
 from granular_id.io.remedy import (
     BESIDE,
@@ -34,7 +33,7 @@ from granular_id.io.remedy import (
     without_number,
 )
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSource, LoadOptions
-from granular_id.io.ways_out import passed
+from granular_id.io.ways_out import in_python
 from granular_id.recording import AXES, Table, cell_text, units_by_axis
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
@@ -62,8 +61,12 @@ def content_of(
         return {"place": places[table] + ("" if row is None else f", sample {row}")}
 
     is_finite = all(np.isfinite(table.values).all() for table in tables if table.values is not None)
-    line = "" if is_finite else reading.remedy.mended(found)  # now, as the file will be closed
-    return FileContent(tables, notes=notes, place=place, in_python=partial(line.replace, "MEND"))
+    lines = () if is_finite else reading.remedy.mended(found)  # now, as the file will be closed
+
+    def mended(mend: str) -> WayOut:
+        return in_python(*(line.replace("MEND", mend) for line in lines))
+
+    return FileContent(tables, notes=notes, place=place, in_python=mended)
 
 
 class _Reading:
@@ -119,8 +122,8 @@ class _Reading:
         unit = next((name for name in others if _UNIT.search(name)), None)
         if unit is not None and self._options.units is None:
             problem = f"{unit!r:.60} states units, which are read from 'units' only"
-            problem += "; pass units= with those of the axes (--units UNITS)"
-            raise RecordingFileError(self._source.path, problem)
+            way_out = in_both(units=UNITS)
+            raise RecordingFileError(self._source.path, (f"{problem}; pass ", way_out, ", those of the axes"))
         return found, [f"{self._how.kind}s that are not read: {', '.join(others)[:200]}"] if others else []
 
     def _in_groups(self, found: list[Found]) -> list[Found]:
@@ -134,8 +137,8 @@ class _Reading:
         own, place = self._source.label or self._source.label_else, self._source.label_place
         if own is not None and {own} != set(levels[0]):
             both = f"its groups are called {levels[0][0]!r:.60}, and its {place} {own!r:.60}"
-            way = passed({"label": "file" if "file" in place else "folder"})
-            raise self.fault(f"{both}: either may be the label; pass {way}")
+            way = in_both(label="file" if "file" in place else "folder")
+            raise self.fault(f"{both}: either may be the label; pass ", way)
         return [replace(one, label=name) for one, name in zip(found, levels[0], strict=True)]
 
     def _labelled(self) -> list[Found]:
@@ -170,9 +173,8 @@ class _Reading:
         known = self._source.label_else or self._source.label
         if self._source.label is None and known is not None and len(labels) == 1 and labels != {known}:
             both = f"its arrays are called {labels.pop()!r:.60}, and its {self._source.label_place} {known!r:.60}"
-            raise self.fault(
-                f"{both}: either may be the label; say so by {in_both(label='folder')} or {in_both(label='file')}"
-            )
+            ways = alternatives([in_both(label="folder"), in_both(label="file")])
+            raise self.fault(f"{both}: either may be the label; say so by ", *ways)
         return found
 
     def tables(self, one: Found) -> list[Table]:
@@ -207,8 +209,7 @@ class _Reading:
         width = values.shape[-1]
         if names is None and width not in (len(AXES), len(self._axes)):
             raise self.fault(
-                f"{one.path} {values.shape} has {width} columns without names; pass axes= with a name for each "
-                "(--axes NAMES)"
+                f"{one.path} {values.shape} has {width} columns without names; pass axes= with a name for each (--axes)"
             )
         several = sum(len(other.leaf.shape) == 2 for other in self._leaves) > 1
         only = f"{self._source.name}[{one.path}]" if several and len(shape) == 2 else self._source.name
@@ -256,7 +257,7 @@ class _Reading:
             return
         if values.shape[0] > values.shape[1]:
             order = f"{one.path} {values.shape} would be {values.shape[0]} recordings of {values.shape[1]} samples"
-            raise self.fault(f"{order}; if that is so, pass {in_both(array=one.path)}")
+            raise self.fault(f"{order}; if that is so, pass ", in_both(array=one.path))
 
     def _about(self, what: str, one: Found) -> Leaf | None:
         """Return what stands beside an array: its attributes, its group, the groups around."""
@@ -305,12 +306,12 @@ class _Reading:
             raise self.fault(problem)
         return texts
 
-    def fault(self, problem: str, *, offers: bool = True) -> RecordingFileError:
+    def fault(self, problem: str, *way_out: str, offers: bool = True) -> RecordingFileError:
         """Return an error that lists the arrays, and says how to read them where another way may help."""
         shown = [f"{one.path[:60]} {one.leaf.shape}" for one in self._leaves if one.leaf.shape]
         more = len(shown) - MOST_LISTED
         listed = ", ".join(shown[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
-        whole = f"{problem}; it holds {listed or 'no arrays'}"
+        whole = [problem, *way_out, f"; it holds {listed or 'no arrays'}"]
         if offers and self._offers:
             whole += self.remedy.way_out(self._tables_by)
         no_wrench = not any(len(one.leaf.shape) > 1 for one in self._leaves)

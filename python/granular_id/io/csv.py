@@ -16,21 +16,23 @@ import sys
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple, cast
 
+import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import thaw
 from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback
-from granular_id._text import in_both
+from granular_id._text import UNITS, counted, in_both
 from granular_id.io.files import RecordingFileError, need, new_folder, safe_name
 from granular_id.io.flat import checked_dataset
 from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR, write_history
 from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.io.ways_out import frames_line
+from granular_id.io.ways_out import frames_line, is_clock
 from granular_id.recording import (
     ABOUT,
     AXES,
@@ -63,6 +65,7 @@ _SEP_LINE = re.compile(r'"?sep=(.)"?')
 _UNITS_ABOVE = re.compile(r'(force|torque|moment)s?\s+units?\W+(\w[^;,"\t]*)', re.IGNORECASE)
 _SOME_UNITS = re.compile(r"\W*units?\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
 _NUMERIC = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
+_COMMENTS = ("#", "%", "!", "/")
 _UNNAMED = re.compile(r"Unnamed: (\d+)")
 
 Columns = dict[str, NDArray[Any]]
@@ -97,18 +100,39 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         columns_of(tuple(columns), source.axes, source.columns)
     except TableError as error:
         raise _other_names(pandas, head, error, source) from error
+    no_samples = _text_rows(columns)
+    kept = [row for row in range(len(next(iter(columns.values()), ()))) if row not in no_samples]
+    if no_samples:
+        columns = {name: cells[kept] for name, cells in columns.items()}
     if not any(len(cells) for cells in columns.values()):
         raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)
     table = Table(name=source.name, columns=columns, units=units, clock="time column", is_text=True)
 
-    def place(_: int, row: int | None) -> dict[str, Any]:
-        """Name the line of a row; pandas passes over empty ones, and those that are comments."""
-        if row is None:
-            return {}
+    def line_of(row: int) -> int:
+        """Return the line of a row; pandas passes over empty ones, and those that are comments."""
         first, comment = head.below + bool(notes), str(head.options.get("comment", "\n"))
         lines = enumerate(_lines(source.path, head.options.get("encoding"), sys.maxsize))
         rows = (i + 1 for i, line in lines if i >= first and line.strip() and not line.startswith(comment))
-        return {"line": next(islice(rows, row, None), first + row)}
+        return next(islice(rows, row, None), first + row)
+
+    def place(_: int, row: int | None) -> dict[str, Any]:
+        return {} if row is None else {"line": line_of(kept[row])}
+
+    for row, (text, has_figures) in no_samples.items():
+        if has_figures:
+            below = row > max(kept, default=0)
+            csv: dict[str, Any] = {"skiprows": [line_of(row) - 1]}
+            csv = {"skipfooter": len(kept) + len(no_samples) - row} if below else csv
+            csv = {"comment": text.strip()[0]} if text.strip().startswith(_COMMENTS) else csv
+            problem = f"{text[:40]!r} is text where others of its column are numbers; if the line is no sample, pass "
+            raise RecordingFileError(source.path, (problem, in_both(csv=csv)), line=line_of(row))
+    if no_samples:
+        row, (text, _) = next(iter(no_samples.items()))
+        n = len(no_samples)
+        notes = [
+            *notes,
+            f"{counted(n, 'line')} of text left out, the first is line {line_of(row)}: {text[:40]!r}",
+        ]
 
     cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
     whole = [] if head.is_whole else [cut]
@@ -140,7 +164,7 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     elif "encoding" not in given and b"\0" in begins[:2] and begins[:2] != b"\0\0":
         encoding = "utf-16-le" if begins[1] == 0 else "utf-16-be"
         raise RecordingFileError(
-            path, f"may be UTF-16 text: pass {in_both(csv={'encoding': encoding})}", line=1
+            path, ("may be UTF-16 text: pass ", in_both(csv={"encoding": encoding})), line=1
         )
     above = given.get("skiprows", 0)
     skipped = (
@@ -160,7 +184,11 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     i, below = rows[0], rows[0] if given.get("header", 0) is None else (*rows, rows[0] + 1)[1]
     line = lines[i]
     if not given.keys() & {"sep", "delimiter"}:
-        options.setdefault("sep", max(_SEPARATORS, key=lambda one: len(line.split(one))))
+        by_one = {one: [cell.strip() for cell in line.split(one)] for one in _SEPARATORS}
+        figures = (
+            one for one in (";", "\t") if len(by_one[one]) > 1 and all(map(_NUMERIC.fullmatch, by_one[one]))
+        )
+        options.setdefault("sep", next(figures, max(_SEPARATORS, key=lambda one: len(by_one[one]))))
         if len(line.split(options["sep"])) < 2 and len(line.split()) > 1:
             options["sep"] = r"\s+"
     cells = _cells(line, options)
@@ -179,11 +207,18 @@ def _cells(line: str, options: Mapping[str, Any]) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
+def _opened(path: Path, mode: str, **how: Any) -> IO[Any]:
+    """Open a text, packed or not."""
+    if path.suffix.lower() == ".gz":
+        return cast("IO[Any]", gzip.open(path, mode, **how))
+    return path.open(mode, **how)
+
+
 def _both_ends(path: Path) -> tuple[bytes, bool]:
     """Return the first four bytes of a text, and whether its last line has an end."""
     is_packed = path.suffix.lower() == ".gz"
     try:
-        with (gzip.open if is_packed else open)(path, "rb") as file:
+        with _opened(path, "rb") as file:
             begins = file.read(4)
             if begins and not is_packed:
                 file.seek(-min(4, path.stat().st_size), os.SEEK_END)
@@ -194,9 +229,8 @@ def _both_ends(path: Path) -> tuple[bytes, bool]:
 
 def _lines(path: Path, encoding: object, n: int) -> Iterator[str]:
     """Yield the first lines of a file, whatever their encoding."""
-    opened = gzip.open if path.suffix.lower() == ".gz" else open
     try:
-        with opened(path, "rt", encoding=str(encoding or "utf-8"), errors="replace", newline="") as file:
+        with _opened(path, "rt", encoding=str(encoding or "utf-8"), errors="replace", newline="") as file:
             for line in islice(file, n):
                 yield line.rstrip("\r\n")
     except (OSError, EOFError, LookupError, UnicodeError, zlib.error) as error:
@@ -216,25 +250,29 @@ def _read(pandas: Any, head: _Head, n_rows: int | None = None) -> Any:
             warnings.simplefilter("error")
             return pandas.read_csv(head.path, **{**settings, **head.options})
     except UnicodeDecodeError as error:
-        way_out = f"pass {in_both(csv={'encoding': _encoding(head.path)})}, or what it was written in"
-        byte = error.object[error.start]
-        raise RecordingFileError(head.path, f"byte 0x{byte:02x} is not UTF-8 text; {way_out}") from error
+        encoding = in_both(csv={"encoding": _encoding(head.path)})
+        said = f"byte 0x{error.object[error.start]:02x} is not UTF-8 text; pass "
+        raise RecordingFileError(head.path, (said, encoding, ", or what it was written in")) from error
     except (Warning, Exception) as error:
         said = str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__
+        way_out: list[str] = []
         if re.search(r"Expected \d+ fields in line \d+, saw", said):
-            said += f"; lines with more cells than names are left out: pass {in_both(csv={'on_bad_lines': 'skip'})}"
+            way_out = [
+                "; lines with more cells than names are left out: pass ",
+                in_both(csv={"on_bad_lines": "skip"}),
+            ]
         if said.startswith("Length of header or names does not match"):
+            said = f"rows have more cells than line {head.line} has names"
             first = in_both(csv={"usecols": list(range(len(head.names)))})
-            said = f"rows have more cells than line {head.line} has names; if the first cells are these pass {first}"
+            way_out = ["; if the first cells are these pass ", first]
         no_wrench = not any(meaning_of(name).what in AXES for name in head.names)
-        problem = f"is no table that pandas.read_csv reads: {said}"
+        problem = [f"is no table that pandas.read_csv reads: {said}", *way_out]
         raise RecordingFileError(head.path, problem, no_wrench=no_wrench) from error
 
 
 def _encoding(path: Path) -> str:
     """Return the first usual encoding that a file may be in."""
-    opened = gzip.open if path.suffix.lower() == ".gz" else open
-    with opened(path, "rb") as file:
+    with _opened(path, "rb") as file:
         data = file.read()
     for encoding in ("cp1252", "cp932", "gb18030"):
         try:
@@ -265,7 +303,7 @@ def _columns(frame: Any, head: _Head) -> tuple[Columns, list[str]]:
             notes.append("the first column has no name and holds dates: it is the time")
         elif not frame.iloc[:, i].isna().all() and not _counts(cells):  # else it is empty, or an index
             if way_out := _names_given(head):
-                raise RecordingFileError(head.path, f"columns have no names{way_out}", line=head.line)
+                raise RecordingFileError(head.path, ("columns have no names", *way_out), line=head.line)
             problem = (
                 "the column has no name and does not number the rows (0, 1, 2 ...): it begins "
                 f"{cells[:3].tolist()}; name it if it is the time (pandas: frame.index.name = 'time'), or write the "
@@ -273,6 +311,25 @@ def _columns(frame: Any, head: _Head) -> tuple[Columns, list[str]]:
             )
             raise RecordingFileError(head.path, problem, line=head.line, column=str(i + 1))
     return columns, notes
+
+
+def _text_rows(columns: Columns) -> dict[int, tuple[str, bool]]:
+    """Find lines that are no samples: text where the first column has numbers, or dates; and whether figures follow."""
+    names = list(columns)
+    cells = columns[names[0]] if names else np.array([])
+    texts = {row: cell for row, cell in enumerate(cells.tolist()) if isinstance(cell, str)}
+    if cells.dtype.kind != "O" or not texts:
+        return {}
+    odd = {row: text for row, text in texts.items() if not re.match(r"\s*[-+.]?\d", text)}
+    if 2 * len(odd) > len(cells):
+        return {}
+    empty = np.all([columns[name] != columns[name] for name in names[1:]], axis=0)
+    is_read = meaning_of(names[0]).what is not None  # what its cells hold is checked by whoever reads them
+    return {
+        row: (text, not empty[row])
+        for row, text in odd.items()
+        if empty[row] or not is_read or text.strip().startswith(_COMMENTS)
+    }
 
 
 def _counts(cells: NDArray[Any]) -> bool:
@@ -303,57 +360,68 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
         some = _SOME_UNITS.fullmatch(before.strip()) if silent else None
         if some is not None and any(map(is_unit, re.findall(r"[^\s,;/\"':=]+", some[1]))):
             problem = f"states units for all axes together ({before.strip()[:60]!r})"
-            problem += "; pass units= with these (--units UNITS)"
-            raise RecordingFileError(head.path, problem, line=i)
+            raise RecordingFileError(
+                head.path, (f"{problem}; pass ", in_both(units=UNITS), ", these"), line=i
+            )
     of_axes = [texts[name] for name in named if name in texts]
     other = next((text for text in words if not is_unit(text)), None)
     known = any(text.isascii() and text[:1].isalpha() and is_unit(text) for text in of_axes)
     if other is not None and known and "\N{REPLACEMENT CHARACTER}" not in line:
-        problem = f"may hold units, of which {other!r:.40} is none that is known"
-        csv = in_both(csv={"skiprows": [head.below]}).removesuffix(")")
-        way_out = f"if these are others that are known, pass units= with them and {csv} --units UNITS)"
-        raise RecordingFileError(head.path, f"{problem}; {way_out}", line=head.below + 1)
+        problem = (
+            f"may hold units, of which {other!r:.40} is none that is known; if these are others, pass them, "
+        )
+        way_out = in_both(csv={"skiprows": [head.below]}, units=UNITS)
+        raise RecordingFileError(head.path, (problem, way_out), line=head.below + 1)
     return units, []
 
 
 def _other_names(pandas: Any, head: _Head, error: TableError, source: FileSource) -> RecordingFileError:
     """Say what reads a table whose names are not those of the axes."""
     known = [what for name in head.names if (what := meaning_of(name).what) in AXES]
-    way_out = f"; line {head.line} names the columns" if not known else ""
+    with suppress(TableError):
+        columns_of(tuple(filter(None, head.names)), source.axes)
+        return RecordingFileError(head.path, error.parts, line=head.line)  # it is about another column
+    way_out: Sequence[str] = [f"; line {head.line} names the columns"] if not known else []
     of_names = None if "skiprows" in head.options else _line_of_names(head, source.axes)
     if of_names is not None and of_names + 1 != head.line:
-        way_out = f"; line {of_names + 1} names the axes: pass {in_both(csv={'skiprows': of_names})}"
+        way_out = [f"; line {of_names + 1} names the axes: pass ", in_both(csv={"skiprows": of_names})]
         known = list(AXES)
     elif source.axes is None:
         way_out = (
-            (_names_given(head) if not known else "")
+            (_names_given(head) if not known else [])
             or _renamed(head, error)
-            or (_axes_given(pandas, head) if not known else "")
+            or (_axes_given(pandas, head) if not known else [])
             or way_out
         )
         if not way_out and len(set(known)) == len(known) < len(AXES):
-            way_out = f"; for these alone pass {in_both(axes=','.join(known))}"
-    return RecordingFileError(head.path, f"{error}{way_out}", line=head.line, no_wrench=not known)
+            way_out = ["; for these alone pass ", in_both(axes=",".join(known))]
+    return RecordingFileError(head.path, (*error.parts, *way_out), line=head.line, no_wrench=not known)
 
 
-def _renamed(head: _Head, error: TableError) -> str:
+def _renamed(head: _Head, error: TableError) -> list[str]:
     """Say how columns are named anew: six or seven in the order of the axes, or those whose unit is not known."""
     names = [name for name in head.names if name]
     if "the unit of column" in str(error):
         plain = [meaning_of(name).base if meaning_of(name).what in AXES else name for name in names]
-        csv = in_both(csv={"header": 0, "names": plain}).removesuffix(")")
-        return f"; if it is one of these, pass units= with it and {csv} --units UNITS)"
-    wanted = _BY_WIDTH.get(len(names), [])
-    units = [meaning_of(name).unit for name in names]
-    if not wanted or not any(units) or len(set(names)) < len(names):
-        return ""
-    if any(
-        unit and meaning_of(f"{name} [{unit}]").scale is None
-        for name, unit in zip(wanted, units, strict=True)
-    ):
-        return ""
-    named = [f"{name} [{unit}]" if unit else name for name, unit in zip(wanted, units, strict=True)]
-    return f"; if its columns are these, pass {in_both(csv={'header': 0, 'names': named})}"
+        return ["; if it is one of these, pass it, ", in_both(csv={"header": 0, "names": plain}, units=UNITS)]
+    meanings = [meaning_of(name) for name in names]
+    known = [one.what for one in meanings]
+    units = [one.unit for one in meanings]
+    missing = [what for what in ("time", *AXES) if what not in known]
+    missing = missing[1:] if known.count(None) == len(missing) - 1 and missing[0] == "time" else missing
+    if not missing or known.count(None) != len(missing) or len(set(names)) < len(names):
+        return []
+    if not any(units) and not {*known} & {*AXES}:
+        return []
+    rest = iter(missing)
+    bases = [next(rest) if what is None else name for name, what in zip(names, known, strict=True)]
+    named = [
+        f"{base} [{unit}]" if unit and what is None else base
+        for base, unit, what in zip(bases, units, known, strict=True)
+    ]
+    if any(meaning_of(name).scale is None for name in named):
+        return []
+    return ["; if its columns are these, pass ", in_both(csv={"header": 0, "names": named})]
 
 
 def _line_of_names(head: _Head, axes: tuple[str, ...] | None) -> int | None:
@@ -368,7 +436,7 @@ def _line_of_names(head: _Head, axes: tuple[str, ...] | None) -> int | None:
     return None
 
 
-def _names_given(head: _Head) -> str:
+def _names_given(head: _Head) -> list[str]:
     """Say how to name six or seven columns of numbers, where no line has a name for each."""
     separator = str(head.options.get("sep", ","))
     pattern = re.escape(separator) if len(separator) == 1 else separator
@@ -380,23 +448,29 @@ def _names_given(head: _Head) -> str:
             continue
         own = {name for name in head.names if name and not _NUMERIC.fullmatch(name)}
         if len(own) >= len(cells):
-            return ""
+            return []
         skipped = {"skiprows": i} if i else {}
-        return f"; if its columns are these, pass {in_both(csv={'header': None, **skipped, 'names': names})}"
-    return ""
+        return ["; if its columns are these, pass ", in_both(csv={"header": None, **skipped, "names": names})]
+    return []
 
 
-def _axes_given(pandas: Any, head: _Head) -> str:
+def _axes_given(pandas: Any, head: _Head) -> list[str]:
     """Say which columns of numbers may be other axes."""
     columns, _ = _columns(_read(pandas, head, _FEW), head)
     numbers = [
         name
         for name, cells in columns.items()
-        if cells.dtype.kind in "iuf" and not _NUMERIC.fullmatch(name) and meaning_of(name).what is None
+        if cells.dtype.kind in "iuf" or all(_NUMERIC.fullmatch(str(cell)) for cell in cells)
+        if not _NUMERIC.fullmatch(name) and meaning_of(name).what is None
     ]
+    clock = {}
+    if numbers and not is_clock(list(columns)):
+        stamps = [float(str(cell).replace(",", ".")) for cell in columns[numbers[0]]]
+        if len(stamps) > 2 and all(a < b for a, b in pairwise(stamps)):
+            clock = {"time": numbers.pop(0)}
     short = [meaning_of(name).base for name in numbers]
     names = numbers if len(set(short)) < len(short) else short
-    return f"; for other axes pass {in_both(axes=','.join(names))}" if names else ""
+    return ["; for other axes pass ", in_both(axes=",".join(names), **clock)] if names else []
 
 
 def save_csv(

@@ -8,7 +8,7 @@ import secrets
 import shutil
 import stat
 import unicodedata
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import ParamSpec, TypeVar
 
-from granular_id._core import GranularIdError
+from granular_id._checks import WayOutError, parts_of
 from granular_id._files import cannot_write
 from granular_id._text import install
 
@@ -26,7 +26,7 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
-class RecordingFileError(GranularIdError):
+class RecordingFileError(WayOutError):
     """A file or folder that cannot be read as recordings: which one, where in it, and what is wrong.
 
     Parameters
@@ -60,7 +60,7 @@ class RecordingFileError(GranularIdError):
     def __init__(
         self,
         path: str | PathLike[str],
-        problem: str,
+        problem: str | Sequence[str],
         *,
         line: int | None = None,
         column: str | None = None,
@@ -69,7 +69,6 @@ class RecordingFileError(GranularIdError):
     ) -> None:
         # names that are not valid text reach Python as lone surrogates, which no terminal can print
         self.path = fspath(path).encode("utf-8", "backslashreplace").decode("utf-8")
-        self.problem = problem
         self.line = line
         self.column = column
         self.place = place
@@ -80,13 +79,14 @@ class RecordingFileError(GranularIdError):
             *([f"column {column}"] if column is not None else []),
             *([place] if place is not None else []),
         ]
-        super().__init__(printable(f"{', '.join([self.path, *where])}: {problem}"))
+        super().__init__(*parts_of(problem))
+        self.args = (printable(f"{', '.join([self.path, *where])}: {self.problem}"),)
 
     def __reduce__(self) -> tuple[object, ...]:
         where = {name: getattr(self, name) for name in ("line", "column", "place", "no_wrench")}
         return (
             partial(RecordingFileError, **where),
-            (self.path, self.problem),
+            (self.path, self.parts),
             {"skippable": self.skippable},
         )
 

@@ -85,9 +85,11 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
         or chosen.save is None
         or not (named or (by_ending is chosen and not chosen.saves_folder))
     ):
-        folders = " or ".join(repr(known.name) for known in FORMATS if known.saves_folder)
         asked = "" if name is None else f" as format={name!r}"
-        wanted = f"wanted a name that ends in .npz, or that of a folder (format={folders}); other formats are only read"
+        wanted = (
+            "wanted a name that ends in .npz, or that of a folder: without an ending of CSV files, with .parquet an "
+            "archive (in Python format='csv' or 'parquet'); other formats are only read"
+        )
         raise GranularIdError(f"{os.fspath(path)} cannot be written{asked}: {wanted}")
     return chosen.save
 

@@ -23,7 +23,7 @@ from granular_id._core import GranularIdError
 from granular_id.io.files import RecordingFileError, attempt
 from granular_id.io.flat import checked_history, history_json
 from granular_id.io.source import FileSource
-from granular_id.recording import Dataset, StepReport, checked_axes
+from granular_id.recording import LABEL, SESSION, Dataset, StepReport, checked_axes
 
 INDEX_NAME = "index.csv"
 INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta", "axes")
@@ -120,6 +120,12 @@ def _indexed(
             known[column] = value_of(text) if text or column == "file" else None
         except (TypeError, ValueError, RecursionError) as error:
             raise RecordingFileError(path, str(error), line=line, column=column) from error
+    asked: dict[str, Any] = {}
+    for what in (LABEL, SESSION):  # an option may name a column of the index
+        name = (stated.get(f"{what}_from") or "").partition(":")[2] or dict(stated["columns"]).get(what, "")
+        if name.lower() in columns:
+            asked |= {what: texts[name.lower()] or None, f"{what}_from": None}
+    asked["columns"] = tuple(one for one in stated["columns"] if one[0] not in asked)
     irregular = known["rate_hz"] == IRREGULAR
     others = {column: text for column, text in texts.items() if column not in INDEX_COLUMNS and text}
     own = {
@@ -135,7 +141,9 @@ def _indexed(
         "meta": {**others, **(known["meta"] or {}), **stated["meta"]},
     }
     path = root.joinpath(known["file"])
-    return FileSource(path=path, root=root, name=texts.get("name", texts["file"]), **{**stated, **own})
+    return FileSource(
+        path=path, root=root, name=texts.get("name", texts["file"]), **{**stated, **own, **asked}
+    )
 
 
 def _inside(text: str) -> PurePosixPath:

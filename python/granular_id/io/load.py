@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -33,6 +33,7 @@ _OF_FORMATS = {
 """Which formats have what an option names."""
 
 _EXAMPLES = 3
+_FEW = 3
 
 
 def load(
@@ -95,8 +96,8 @@ def load(
         without a unit behind their name, ``wx [rad/s]``; other columns are left out. Unnamed arrays of that width have
         these axes. By default fx fy fz tx ty tz, or what the file itself says of its axes.
     units : str or sequence of str, optional
-        Units of the axes, where the file does not state them: one for all, one per axis, or one for each of several
-        runs of equal length (six axes and ``"rad/s,m/s2"``: three and three). They come into ``meta["units"]``; forces
+        Units of the axes, where the file does not state them: one for all, one per axis, or one for each
+        three axes (of six ``"rad/s,m/s2"``). They come into ``meta["units"]``; forces
         and torques (fx to tz) are converted to N and N m. A file that states another unit is refused.
     id : str, optional
         Which column of a table tells recordings apart, where it is not called recording, trial or id.
@@ -285,7 +286,9 @@ class _Reading:
         if nothing:
             every = [*problems, *self._beside]
             if self._alone or not skips:
-                raise every[0]
+                first = every[0]
+                its = next((one for one in found.files if str(one.path) == first.path), None)
+                raise first if its is None else self._complete(first, its)
             problem = f"none of {counted(len(every))} could be read; the first problem: {every[0]}"
             raise RecordingFileError(self._root, problem) from every[0]
 
@@ -312,17 +315,24 @@ class _Reading:
             raise
         except Exception as reason:
             error = failed(source.path, f"reading it as {known.name}", reason)
-            doubt = source.two_meanings is not None and error.problem == source.two_meanings
+            doubt = error.parts == source.two_meanings
             if error.no_wrench and not self._named:
                 self._beside.append(error)
             elif self._options.on_error == "skip" and not doubt:
                 self._problems.append(error)
             else:
                 cause = error.__cause__ if error is reason else reason
-                if not doubt:
-                    error = with_all_wanted(error, source, self._options, partial(_tried, source))
-                error.skippable = not doubt and not (self._alone and whole)
+                error = error if doubt else self._complete(error, source)
+                error.skippable = not doubt and (not whole or self._reads_another(source))
                 raise error from cause
+
+    def _complete(self, error: RecordingFileError, source: FileSource) -> RecordingFileError:
+        return with_all_wanted(error, source, self._options, partial(_tried, source))
+
+    def _reads_another(self, source: FileSource) -> bool:
+        """Whether another file can be read: one of those before, or of the next few."""
+        after = self._found.files.index(source) + 1
+        return after > 1 or any(_can_read(other, self._options) for other in self._found.files[after:][:_FEW])
 
     def dataset(self, reads: Sequence[_Read]) -> Dataset:
         """Put together what was read since the last time, with a report."""
@@ -365,20 +375,27 @@ def _tried(source: FileSource, options: LoadOptions) -> None:
             raise failed(source.path, f"reading it as {known.name}", reason) from reason
 
 
+def _can_read(source: FileSource, options: LoadOptions) -> bool:
+    with suppress(GranularIdError):
+        _tried(source, options)
+        return True
+    return False
+
+
 def _made(content: FileContent, source: FileSource) -> _Read:
     """Make the recordings of what a reader found."""
     read = _Read(rows=content.rows, notes=content.notes, source=source, history=content.history)
     try:
         read.recordings = [restated(recording, source) for recording in content.recordings]
     except TableError as error:
-        raise RecordingFileError(source.path, error.problem, column=error.column) from error
+        raise RecordingFileError(source.path, error.parts, column=error.column) from error
     for i, table in enumerate(content.tables):
         try:
             made = to_recordings(table, source)
         except TableError as error:
             place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
-            line = content.in_python(error.mend) if error.mend else ""
-            raise RecordingFileError(source.path, error.problem + line, **place) from error
+            line = [content.in_python(error.mend)] if error.mend else []
+            raise RecordingFileError(source.path, [*error.parts, *line], **place) from error
         read.recordings += made.recordings
         read.rows += made.rows
         read.notes += [note for note in made.notes if note not in read.notes]

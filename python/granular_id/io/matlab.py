@@ -48,7 +48,7 @@ def read_mat(source: FileSource, options: LoadOptions) -> FileContent:
     except RecordingFileError as error:
         if not left_out:
             raise
-        problem = f"{error.problem}; {', '.join(left_out)[:200]}: {_OBJECTS}"
+        problem = (*error.parts, f"; {', '.join(left_out)[:200]}: {_OBJECTS}")
         raise RecordingFileError(source.path, problem, place=error.place) from error
     if left_out:
         content.notes.append(f"{', '.join(left_out)[:200]} left out: {_OBJECTS}")

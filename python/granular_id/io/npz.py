@@ -68,10 +68,10 @@ def _arrays(columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
 
 def read_npz(source: FileSource, options: LoadOptions) -> FileContent:
     """Read an NPZ file: one of ``save_npz``, or arrays of others."""
+    if not zipfile.is_zipfile(source.path):
+        raise RecordingFileError(source.path, "is no NPZ archive: it may be cut off, or of another format")
     with source.path.open("rb") as file:
         archive = np.load(file, allow_pickle=False)
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise RecordingFileError(source.path, "is no NPZ archive")
         arrays = {name: _member(archive, name, source) for name in archive.files}
     said = str(arrays[_MARK]) if _MARK in arrays and arrays[_MARK].dtype.kind == "U" else ""
     if not said.startswith(FORMAT):
@@ -96,7 +96,7 @@ def _member(archive: Any, name: str, source: FileSource) -> NDArray[Any]:
 def _pickled(source: FileSource, X: str, place: str | None = None) -> RecordingFileError:
     opened = f"f = numpy.load({str(source.path)!r}, allow_pickle=True)"
     line = in_python(opened, f"Dataset.from_arrays({X}, rate_hz=RATE)")
-    return RecordingFileError(source.path, f"{_PICKLED}{line}", place=place)
+    return RecordingFileError(source.path, (_PICKLED, line), place=place)
 
 
 def _read_own(arrays: Mapping[str, NDArray[Any]], source: FileSource) -> FileContent:
@@ -152,6 +152,11 @@ def _tree(arrays: Mapping[str, Any], path: Path) -> Mapping[str, Any]:
 
 def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
     """Read an array of one recording, (samples, axes), or of several, (recordings, samples, axes)."""
+    with source.path.open("rb") as file:
+        if file.read(6) != np.lib.format.MAGIC_PREFIX:
+            raise RecordingFileError(
+                source.path, "is no NumPy array: it may be cut off, or of another format"
+            )
     try:
         array = np.load(source.path, allow_pickle=False)
     except ValueError as error:
@@ -162,5 +167,5 @@ def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
         has_clock = is_clock(array.dtype.names)
         call = f"Dataset.from_frames({{name: f[name] for name in f.dtype.names}}{', rate_hz=RATE' * (not has_clock)})"
         line = in_python(f"f = numpy.load({str(source.path)!r})", call)
-        raise RecordingFileError(source.path, f"has the fields {', '.join(array.dtype.names)}{line}")
+        raise RecordingFileError(source.path, (f"has the fields {', '.join(array.dtype.names)}", line))
     return content_of({"X": Leaf(array)}, source, options, Opening("array", "{{'X': numpy.load({!r})}}"))

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._text import RATE, WayOut, alternatives, in_both
 from granular_id.io.files import RecordingFileError
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, LoadOptions
-from granular_id.io.ways_out import RATE, in_python, passed
+from granular_id.io.ways_out import in_python
 from granular_id.recording import AXES, Table, meaning_of
 
 MOST_LISTED = 12
@@ -151,7 +152,7 @@ class Remedy:
             and one not in self._in_order
         ]
 
-    def way_out(self, read: Callable[[LoadOptions], Sequence[Table]]) -> str:
+    def way_out(self, read: Callable[[LoadOptions], Sequence[Table]]) -> list[str]:
         """Return what is passed, or the lines, with a semicolon before; nothing where no array may hold samples.
 
         `read` reads the file with other options: none is offered that fails.
@@ -159,25 +160,25 @@ class Remedy:
         if (options := self._options(read)) or not self._arrays:
             return options or self._lines()
         if self._how.by_reference and any("[" in one.path for one in self._arrays):
-            return "; save it with -v7, of which Python reads cells and structs"
-        return self._lines() or (
+            return ["; save it with -v7, of which Python reads cells and structs"]
+        return self._lines() or [
             "; Dataset.from_arrays(X, y, rate_hz=RATE) reads samples in the order X (recordings, samples, 6), and with "
             "axes=, a name a column, those of another sensor"
-        )
+        ]
 
-    def mended(self, found: Sequence[Found]) -> str:
-        """Return the line that reads arrays as tables, each mended by methods of a data frame, in place of MEND."""
+    def mended(self, found: Sequence[Found]) -> tuple[str, ...]:
+        """Return the lines that read arrays as tables, each mended by methods of a data frame, in place of MEND."""
         if self._how.by_reference and "[" in found[0].path:
-            return ""
+            return ()
         counts = [one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1 for one in found]
         y = self._label_beside(sum(counts)) or _runs([one.label for one in found])
         frame = f"pandas.DataFrame(one, columns={self._known})MEND"
         frames = f"frames = [{frame} for one in {self._list_of(found)}]"
-        return in_python(self._opened, frames, f"Dataset.from_frames(frames, {y}, rate_hz={self._rate()})")
+        return (self._opened, frames, f"Dataset.from_frames(frames, {y}, rate_hz={self._rate()})")
 
     # options, each tried
 
-    def _options(self, read: Callable[[LoadOptions], Sequence[Table]]) -> str:
+    def _options(self, read: Callable[[LoadOptions], Sequence[Table]]) -> list[str]:
         """Return the options that read arrays, the labels beside them, and what else is missing."""
         with_time = self._with_time() if self._given.axes is None else []
         timed = ("time", *AXES)
@@ -187,8 +188,8 @@ class Remedy:
         for options in whole:
             way = self._tried(options, read)
             if way is not None and all(way):
-                return f"; pass {passed(way[0])}"
-        ways: dict[str, tuple[dict[str, str], str | None]] = {}
+                return ["; pass ", in_both(**way[0])]
+        ways: dict[str, tuple[dict[str, Any], str | None]] = {}
         for one in [*self._in_order, *with_time]:
             name = re.sub(r"\[\d+\]", "", one.name)
             if name not in ways and len(ways) < MOST_LISTED:
@@ -202,11 +203,11 @@ class Remedy:
         of_names = len(label_levels(names, own=True)) > len(label_levels(names)) or (not known and n_labels)
         has_y = any(one.name.lower() in BESIDE["y"] for one in self._every)
         if len(known) > 1 or counted or (of_names and not has_y and known <= {_OWN}):
-            return ""  # each has other labels beside it, or is named as its label, or the labels count another axis
+            return []  # each has other labels beside it, or is named as its label, or the labels count another axis
         said = [
             ({"array": name} if self._given.array is None else {}) | way for name, (way, _) in ways.items()
         ]
-        return f"; pass {' or '.join(map(passed, said))}" if said and all(said) else ""
+        return ["; pass ", *alternatives(in_both(**way) for way in said)] if said and all(said) else []
 
     def _with_time(self) -> list[Found]:
         """Return the arrays whose first column rises from sample to sample, and has the axes behind it."""
@@ -215,7 +216,7 @@ class Remedy:
 
     def _tried(
         self, options: LoadOptions, read: Callable[[LoadOptions], Sequence[Table]]
-    ) -> tuple[dict[str, str], str | None] | None:
+    ) -> tuple[dict[str, Any], str | None] | None:
         """Return what is passed beside an array, and where its labels are known from; None where it cannot be read."""
         about = (key for one in self._every for key in one.leaf.about if LABELS.match(key))
         names = dict.fromkeys([*(one.name for one in self._labels), *about])
@@ -234,32 +235,41 @@ class Remedy:
         if best is None:
             return None
         rule, tables, known = best
-        said = {}
+        said: dict[str, Any] = {}
         if options.axes is not None and options.axes != self._given.axes:
             said["axes"] = ",".join(options.axes)
         elif options.rate_hz is None and any(one.rate_hz is None and one.stamps is None for one in tables):
-            said["rate_hz"] = RATE
+            rate = self._rate_leaf()
+            said["rate_hz"] = RATE if rate is None else float(np.ravel(rate.leaf.read())[0])
         if rule is not None and self._given.label is None:
             said["label"] = rule
         return said, (rule or _OWN) if known else None
 
     # lines of Python
 
-    def _lines(self) -> str:
+    def _lines(self) -> list[str]:
         """Return the line for what is there; of several readings all."""
-        calls = self._of_parts() or self._turned() or self._listed()
+        calls = self._of_parts() or self._flat() or self._turned() or self._listed()
         if not calls:
-            return ""
-        first, *others = [call if why is None else f"{call}, if {why}" for call, why in calls]
-        return in_python(self._opened, first) + "".join(f"; or {other}" for other in others)
+            return []
+        parts: list[str] = []
+        for call, why in calls:
+            whole = in_python(self._opened, call)
+            way = WayOut((f"; or data = {call}" if parts else whole) + (f", if {why}" if why else ""))
+            way.code, way.why = whole.code, why or ""
+            parts.append(way)
+        return parts
 
     def _rate(self) -> str:
         if self._given.rate_hz is not None:
             return f"{self._given.rate_hz:g}"
-        for one in self._every:
-            if one.leaf.is_numbers and _RATES.fullmatch(one.name) and np.size(one.leaf.read()):
-                return f"float(numpy.ravel({self._how.item(one)})[0])"
-        return "RATE"
+        one = self._rate_leaf()
+        return "RATE" if one is None else f"float(numpy.ravel({self._how.item(one)})[0])"
+
+    def _rate_leaf(self) -> Found | None:
+        """Return the number that is called like a rate."""
+        named = (one for one in self._every if one.leaf.is_numbers and _RATES.fullmatch(one.name))
+        return next((one for one in named if np.size(one.leaf.read())), None)
 
     def _call(self, X: str, y: str = "") -> str:
         axes = "" if self._given.axes is None else f", axes={','.join(self._given.axes)!r}"
@@ -318,7 +328,8 @@ class Remedy:
             named = ["time"] * ("time" in vectors) + list(AXES)
             columns = ", ".join(f"{what!r}: numpy.ravel({item(vectors[what], place)})" for what in named)
             return f"{{{columns}}}", None
-        pair = [one for names in _PARTS for one in [inner[name] for name in names if name in inner][:1]]
+        threes = {name: one for name, one in inner.items() if one.leaf.shape[-1:] == (3,)}
+        pair = [one for names in _PARTS for one in [threes[name] for name in names if name in threes][:1]]
         shapes = {one.leaf.shape for one in pair}
         if (
             len(pair) < len(_PARTS)
@@ -343,6 +354,27 @@ class Remedy:
             return loop, f"[{self._how.label(own, places[0])} {loop}]"
         names = label_levels(places, own=True)
         return loop, _runs(next(iter(names), [None] * len(places)))
+
+    def _flat(self) -> list[tuple[str, str | None]]:
+        """Shape rows of one recording each, (n, samples * axes), where a label stands for each."""
+        n_axes = len(self._known)
+        one = next((one for one in self._arrays if len(one.leaf.shape) == 2), None)
+        if one is None or len(self._arrays) > 1 or one.leaf.shape[1] % n_axes or one.leaf.shape[1] == n_axes:
+            return []
+        n, item = one.leaf.shape[0], self._how.item(one)
+        if n < 2 or not (y := self._label_beside(n)):
+            return []
+        first, second = self._known[:2]
+        return [
+            (
+                self._call(f"{item}.reshape({n}, {n_axes}, -1).transpose(0, 2, 1)", y),
+                f"a row holds all {first}, then all {second}",
+            ),
+            (
+                self._call(f"{item}.reshape({n}, -1, {n_axes})", y),
+                f"a row holds sample after sample, each of {n_axes} axes",
+            ),
+        ]
 
     def _turned(self) -> list[tuple[str, str | None]]:
         """Bring recordings first and axes last: recordings are as many as labels, else the shorter of the two."""

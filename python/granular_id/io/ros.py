@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from granular_id._text import in_both
+from granular_id._text import WayOut, alternatives, in_both
 from granular_id.io.files import RecordingFileError, need
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.ways_out import in_python
@@ -135,7 +135,7 @@ def _opened(source: FileSource) -> Iterator[Any]:
         raise RecordingFileError(path, problem) from error
 
 
-def _other_messages(source: FileSource) -> str | None:
+def _other_messages(source: FileSource) -> str | tuple[str, ...] | None:
     """Say what reads an MCAP file whose messages are not those of ROS 2; None for any other file."""
     path = source.path
     if path.suffix.lower() != ".mcap" or not path.is_file():
@@ -154,12 +154,13 @@ def _other_messages(source: FileSource) -> str | None:
     for topic, (channel, message) in found.items():
         if channel.message_encoding == "json" and (fields := _fields_in(json.loads(message.data))):
             rows = "{**json.loads(m.data), 'time': m.log_time / 1e9}"
-            return "messages in JSON are no messages of ROS" + in_python(
+            line = in_python(
                 "from mcap.reader import make_reader",
                 f"bag = make_reader(io.BytesIO(pathlib.Path({str(path)!r}).read_bytes()))",
                 f"rows = [{rows} for _, _, m in bag.iter_messages(topics=[{topic!r}])]",
                 _frame_of_rows(source, fields),
             )
+            return ("messages in JSON are no messages of ROS", line)
     encodings = [channel.message_encoding for channel, _ in found.values()]
     listed = ", ".join(f"{topic[:80]} ({kind})" for topic, kind in zip(found, encodings, strict=True))
     others = (
@@ -168,7 +169,7 @@ def _other_messages(source: FileSource) -> str | None:
     return None if set(encodings) <= {"cdr"} else others
 
 
-def _bag_line(source: FileSource, topic: str, fields: Sequence[str], mend: str = "") -> str:
+def _bag_line(source: FileSource, topic: str, fields: Sequence[str], mend: str = "") -> WayOut:
     """Return the line that reads six numbers of the messages on a topic."""
     row = "{**dataclasses.asdict(bag.deserialize(data, c.msgtype)), 'time': t / 1e9}"
     return in_python(
@@ -220,7 +221,7 @@ def _chosen(reader: Any, source: FileSource, asked: str | None) -> tuple[_Wrench
             path.suffix == ".mcap"
         )
         line = next(filter(None, (_line_of(reader, source, same[0]) for same in groups.values())), "")
-        raise RecordingFileError(path, f"has no {wanted}; it has {there or nothing}{line}")
+        raise RecordingFileError(path, (f"has no {wanted}; it has {there or nothing}", line))
     found = (
         every
         if asked is None
@@ -235,8 +236,10 @@ def _chosen(reader: Any, source: FileSource, asked: str | None) -> tuple[_Wrench
     if len(found) > 1:
         raise RecordingFileError(
             path,
-            f"has {len(found)} topics with wrenches: {_named(found)}; pass "
-            + " or ".join(in_both(topic=one.name) for one in found[:_LISTED]),
+            (
+                f"has {len(found)} topics with wrenches: {_named(found)}; pass ",
+                *alternatives([in_both(topic=one.name) for one in found[:_LISTED]]),
+            ),
         )
     (one,) = found
     return one, [f"the wrench is the field {one.field} of {one.type_name}"] if one.field else []

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from granular_id._checks import argument_error, checked_choice, checked_text, finite_number
 from granular_id._core import GranularIdError
+from granular_id._text import WayOut
 from granular_id.recording import (
     AXES,
     RECORDING,
@@ -119,8 +120,8 @@ class FileSource(Stated):
     name: str  # how reports call the recording: the path within the folder, or what index.csv says
     label_place: str = ""  # where label and session come from, for the report
     session_place: str = ""
-    two_meanings: str | None = (
-        None  # why it is refused where it states no label: its folders may mean two things
+    two_meanings: tuple[str, ...] | None = (
+        None  # the refusal where it states no label: folders may mean two things
     )
 
 
@@ -138,4 +139,4 @@ class FileContent:
     notes: list[str] = field(default_factory=list)
     history: Sequence[StepReport] = ()
     place: Callable[[int, int | None], dict[str, Any]] = lambda table, row: {}  # noqa: ARG005
-    in_python: Callable[[str], str] = lambda mend: ""  # noqa: ARG005
+    in_python: Callable[[str], WayOut] = lambda mend: WayOut()  # noqa: ARG005

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from granular_id._text import counted, in_both, verb
+from granular_id._text import alternatives, counted, in_both, verb
 from granular_id.io.files import RecordingFileError, attempt
 from granular_id.io.formats import FORMATS, FileFormat
 from granular_id.io.index import HISTORY_NAME, INDEX_COLUMNS, INDEX_NAME, read_history, read_index
@@ -103,7 +103,7 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
         wanted = "; ".join(known.what for known in FORMATS)
         problem = f"is of no known format; what can be read: {wanted}; or a folder of such files ({LAYOUTS})"
         line = unknown_files_line(path, [path.suffix])
-        raise RecordingFileError(path, f"{problem}; {OTHER_FILES}{line}")
+        raise RecordingFileError(path, (f"{problem}; {OTHER_FILES}", *line))
     found = Sources("label/*")
     _walk(path, found, stated)
     if (path / INDEX_NAME).is_file():
@@ -116,8 +116,8 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
     if not found.files and not found.problems:
         problem = f"holds no recordings; wanted {LAYOUTS} (or files of another format)"
         line = unknown_files_line(path, found.others)
-        of_others = f"; it holds files of no known format ({kinds}); {OTHER_FILES}{line}" if kinds else ""
-        raise RecordingFileError(path, problem + of_others)
+        of_others = [f"; it holds files of no known format ({kinds}); {OTHER_FILES}", *line] if kinds else []
+        raise RecordingFileError(path, [problem, *of_others])
     if n := len(found.others):
         unknown = f"{counted(n, 'file')} of no known format {verb(n, 'is', 'are')} not read ({kinds})"
         found.notes.append(unknown)
@@ -176,7 +176,7 @@ def _told(source: FileSource, options: LoadOptions, path: Path, *, alone: bool =
             continue
         told[f"{what}_place"] = rule
         if rule == "file":  # a session is one file, whatever number it has
-            told[what] = _label_of(path) or path.stem if what == "label" else _place_of(source)
+            told[what] = label_of(path) or path.stem if what == "label" else _place_of(source)
         elif rule in ("folder", "parent"):
             folder = path.parent if rule == "folder" else path.parent.parent
             if not alone and source.root.resolve() not in (folder, *folder.parents):
@@ -196,7 +196,7 @@ def _place_of(source: FileSource) -> str:
     return source.path.relative_to(source.root).as_posix() if inside else source.path.name
 
 
-def _label_of(path: Path) -> str | None:
+def label_of(path: Path) -> str | None:
     """Return the name of a file without what numbers it at its ends; None where nothing of a material is left."""
     stem = path.name
     for known in FORMATS:
@@ -242,7 +242,7 @@ def _label_by_place(root: Path, found: Sources) -> None:
     if depths == {0}:
         found.layout = "label_*"
         for i, source in enumerate(found.files):
-            label = _label_of(source.path)
+            label = label_of(source.path)
             found.files[i] = replace(source, label_else=label, label_place="name of the file")
         unnamed = [source.name for source in found.files if source.label_else is None]
         if unnamed:
@@ -255,38 +255,41 @@ def _label_by_place(root: Path, found: Sources) -> None:
         ]
         both = " and ".join(repr(one.name) for one in firsts[:2])
         places = ("folder", "parent", "file") if min(depths) else ("folder", "file")
-        line = ""
-        if min(depths):
-            line = f"; where the first folder is the material{index_line(root, firsts[0].path.suffix)[1:]}"
-        way_out = f"or say where the label stands: {' or '.join(in_both(label=one) for one in places)}{line}"
         problem = (
-            f"recordings lie at several levels of folders ({both}); wanted one layout: {LAYOUTS}; {way_out}"
+            f"recordings lie at several levels of folders ({both}); wanted one layout: {LAYOUTS}; or say where the "
+            "label stands: "
         )
-        raise RecordingFileError(root, problem)
+        ways = alternatives([in_both(label=one) for one in places])
+        first = "; where the first folder is the material"
+        line = [first, index_line(root, firsts[0].path.suffix)] if min(depths) else []
+        raise RecordingFileError(root, (problem, *ways, *line))
     doubt = _no_materials(found) if depths == {1} else _two_levels(found.files[0]) if found.files else None
     for i, source in enumerate(found.files):
         label = None if doubt else source.path.parent.name
         found.files[i] = replace(source, label_else=label, label_place="folder", two_meanings=doubt)
 
 
-def _two_levels(first: FileSource) -> str:
+def _two_levels(first: FileSource) -> tuple[str, ...]:
     *above, outer, inner, _ = Path(first.name).parts
-    top = "; an index.csv says it, too"
+    top = ["; an index.csv says it, too"]
     if above:
-        top = f"; where {above[0]!r} is the material{index_line(first.root, first.path.suffix)[1:]}"
+        top = [f"; where {above[0]!r} is the material", index_line(first.root, first.path.suffix)]
     return (
         f"files lie in folders within folders ({first.name!r}), which may mean two things: {inner!r} is the material "
-        f"and {outer!r} the session: pass {in_both(label='folder', session='parent')}; or {outer!r} is the material "
-        f"and {inner!r} the session: pass {in_both(label='parent', session='folder')}{top}"
+        f"and {outer!r} the session: pass ",
+        in_both(label="folder", session="parent"),
+        f"; or {outer!r} is the material and {inner!r} the session: pass ",
+        in_both(label="parent", session="folder"),
+        *top,
     )
 
 
-def _no_materials(found: Sources) -> str | None:
+def _no_materials(found: Sources) -> tuple[str, ...] | None:
     """Say why folders may be no materials: days, persons, runs, or files of the same names, or of several words."""
     files = found.files
     stems: dict[str, dict[str, None]] = {}
     for source in files:
-        stems.setdefault(source.path.parent.name, {})[(_label_of(source.path) or "").lower()] = None
+        stems.setdefault(source.path.parent.name, {})[(label_of(source.path) or "").lower()] = None
     names = list(stems)
     n_folders = Counter(stem for one in stems.values() for stem in one)
     shared = any(n > 1 for n in n_folders.values())
@@ -297,11 +300,13 @@ def _no_materials(found: Sources) -> str | None:
     if not (several and (shared or words)) and not all(SESSION_LIKE.fullmatch(name) for name in names):
         return None
     example = files[0].name
-    label = _label_of(files[0].path) or files[0].path.stem
+    label = label_of(files[0].path) or files[0].path.stem
     return (
-        f"folders may be no materials ({example!r}): {names[0]!r} is the session and {label!r} the material: pass "
-        f"{in_both(label='file', session='folder')}; or {names[0]!r} is the material: pass {in_both(label='folder')}; "
-        "an index.csv says it, too"
+        f"folders may be no materials ({example!r}): {names[0]!r} is the session and {label!r} the material: pass ",
+        in_both(label="file", session="folder"),
+        f"; or {names[0]!r} is the material: pass ",
+        in_both(label="folder"),
+        "; an index.csv says it, too",
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -10,38 +9,31 @@ from pathlib import Path
 from typing import Any
 
 from granular_id._core import GranularIdError
-from granular_id._text import in_both
+from granular_id._text import RATE, WayOut, alternatives, in_both, is_unknown
 from granular_id.io.files import RecordingFileError
 from granular_id.io.source import FileSource, LoadOptions
 from granular_id.recording import AXES, Table, meaning_of
 
-RATE = "RATE"
-"""What stands for a rate that only the user knows."""
-
 _MODULES = ("dataclasses", "h5py", "io", "json", "numpy", "pandas", "pathlib", "scipy.io")
 _READERS = {".xlsx": "read_excel", ".xls": "read_excel", ".ods": "read_excel", ".feather": "read_feather"}
 _MOST_STEPS = 4
-_NAMED = re.compile(
-    r"(?<!\w)(csv|label|session|array|topic|axes|units|id|time|rate_hz)=(\{[^{}]*\}|'[^']*'|RATE)"
-)
 
 
-def in_python(*lines: str) -> str:
+def in_python(*lines: str) -> WayOut:
     """Return lines of Python as the end of an error; what they import comes first, the data set last."""
-    text = "; ".join(lines)
+    if not lines:
+        return WayOut()
+    text = "; ".join([*lines[:-1], f"data = {lines[-1]}"])
     used = [name for name in _MODULES if re.search(rf"(?<![\w.]){re.escape(name)}\.", text)]
     imports = f"import {', '.join(used)}; " * bool(used)
     public = [name for name in ("Dataset", "load") if re.search(rf"(?<![\w.]){name}[.(]", text)]
-    return f"; in Python: {imports}from granular_id import {', '.join(public)}; {text}"
+    code = f"{imports}from granular_id import {', '.join(public)}; {text}"
+    way = WayOut(f"; in Python: {code}")
+    way.code = code
+    return way
 
 
-def passed(options: Mapping[str, Any]) -> str:
-    """Return options as they are passed in Python and, in brackets, on the command line."""
-    both = in_both(**options).replace("--rate-hz", "--recorded-hz")
-    return both.replace(f"={RATE!r}", f"={RATE}")
-
-
-def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> str:
+def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> WayOut:
     """Return the line that reads a table by pandas, mended; of a folder it reads all files like this one.
 
     `opening` is the call that reads a file, with ``{}`` for its path; `mend` are methods of the frame.
@@ -75,7 +67,7 @@ def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> st
     return in_python(frame, f"Dataset.from_frames(frame{labels}{words})")
 
 
-def index_line(root: Path, ending: str) -> str:
+def index_line(root: Path, ending: str) -> WayOut:
     """Return the line that writes an index.csv by which the first folder is the material, and reads it."""
     return in_python(
         f"root = pathlib.Path({str(root)!r})",
@@ -86,29 +78,17 @@ def index_line(root: Path, ending: str) -> str:
     )
 
 
-def unknown_files_line(path: Path, endings: Sequence[str]) -> str:
+def unknown_files_line(path: Path, endings: Sequence[str]) -> list[WayOut]:
     """Return the line that reads files which pandas knows, in folders of materials or alone; else nothing."""
     ending = next((ending for ending in endings if ending.lower() in _READERS), None)
     if ending is None:
-        return ""
+        return []
     call = f"pandas.{_READERS[ending.lower()]}"
     if not path.is_dir():
-        return in_python(f"frame = {call}({str(path)!r})", "Dataset.from_frames(frame)")
-    return in_python(
-        f"paths = sorted(pathlib.Path({str(path)!r}).rglob({'*' + ending!r}))",
-        f"Dataset.from_frames([{call}(path) for path in paths], [path.parent.name for path in paths])",
-    )
-
-
-def options_in(problem: str) -> list[dict[str, Any]]:
-    """Return the options that an error names, of each way out: ``pass csv={'skiprows': 7}``."""
-    parts = problem.partition("; in Python")[0].split("; ")
-    clauses = [clause for part in parts for clause in part.partition("pass ")[2].split(" or ")]
-    return [
-        {name: RATE if value == RATE else ast.literal_eval(value) for name, value in named}
-        for clause in clauses
-        if (named := _NAMED.findall(clause))
-    ]
+        return [in_python(f"frame = {call}({str(path)!r})", "Dataset.from_frames(frame)")]
+    paths = f"paths = sorted(pathlib.Path({str(path)!r}).rglob({'*' + ending!r}))"
+    call = f"Dataset.from_frames([{call}(path) for path in paths], [path.parent.name for path in paths])"
+    return [in_python(paths, call)]
 
 
 def with_all_wanted(
@@ -118,34 +98,45 @@ def with_all_wanted(
 
     `read` reads the file with other options.
     """
-    problems, wanted = [error.problem], dict[str, Any]()
-    ways = options_in(error.problem)
-    while len(ways) == 1 and "; in Python" not in problems[-1]:
-        wanted = _joined(wanted, ways[0])
-        if RATE in wanted.values() or len(problems) > _MOST_STEPS:
+    problems, last = [error.parts], error
+    wanted, others = dict[str, Any](), list[dict[str, Any]]()
+    while last.ways and not last.in_python and len(problems) <= _MOST_STEPS:
+        best = next((way for way in last.ways if not is_unknown(way)), last.ways[0])
+        others = [
+            *others,
+            *(joined(wanted, way) for way in last.ways if way is not best and not is_unknown(way)),
+        ]
+        wanted = joined(wanted, best)
+        if is_unknown(wanted):
             break
         try:
-            read(replace(options, **_joined({"csv": options.csv} if options.csv else {}, wanted)))
+            read(replace(options, **joined({"csv": options.csv} if options.csv else {}, wanted)))
             break
         except GranularIdError as other:
-            if not isinstance(other, RecordingFileError) or other.problem in problems:
+            if not isinstance(other, RecordingFileError) or other.parts in problems:
                 break
-            problems.append(other.problem)
-            ways = options_in(other.problem)
+            last = other
+            problems.append(other.parts)
     if source.two_meanings is not None and source.two_meanings not in problems:
         problems.append(source.two_meanings)
-        ways = options_in(source.two_meanings)
+        readings = [part.options for part in source.two_meanings if isinstance(part, WayOut) and part.options]
+        last = RecordingFileError(error.path, source.two_meanings)
+        wanted, *others = [joined(wanted, way) for way in readings]
     if len(problems) == 1:
         return error
-    last, *line = problems[-1].partition("; in Python")
-    plain = [re.sub(r" \(--[^()]*\)", "", problem) for problem in [*problems[:-1], last]]
-    both = [passed(_joined(wanted, way)) for way in ways or [{}]]
-    whole = f"{'; then: '.join(plain)}; in all pass {' or '.join(both)}{''.join(line)}"
+    plain = ["".join(_plain(part) for part in parts) for parts in problems]
+    both = alternatives(in_both(**way) for way in (wanted, *others))
+    lines = [part for part in last.parts if isinstance(part, WayOut) and part.code]
     place = {name: getattr(error, name) for name in ("line", "column", "place", "no_wrench")}
-    return RecordingFileError(error.path, whole, **place)
+    return RecordingFileError(error.path, ("; then: ".join(plain), "; in all pass ", *both, *lines), **place)
 
 
-def _joined(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+def _plain(part: str) -> str:
+    return part.plain if isinstance(part, WayOut) else part  # of lines of Python nothing
+
+
+def joined(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of both, the second ones first, and all of `csv`."""
     csv = {**(one.get("csv") or {}), **(other.get("csv") or {})}
     return {**one, **other, **({"csv": csv} if csv else {})}
 

@@ -25,6 +25,7 @@ from granular_id.recording.columns import (
     units_by_axis as units_by_axis,
 )
 from granular_id.recording.conditions import (
+    PAUSE_S as PAUSE_S,
     SEVERE_PREFIXES as SEVERE_PREFIXES,
     Requirements as Requirements,
     common_units as common_units,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, argument_error, finite_number
 from granular_id._core import GranularIdError
-from granular_id._text import in_both, install
+from granular_id._text import RATE, Unknown, alternatives, in_both, install
 from granular_id.recording.columns import NUMERIC_ROWS, TAKEN, TableError, factor
 
 SINCE_1970 = 1e8
@@ -44,12 +44,12 @@ _LONGEST_STEP_S, _SHORTEST_STEP_S = 0.1, 1e-5
 _MOST_LATE = 0.1
 """If more samples than this part are late, a clock that ran back to its begin was started again."""
 
-UNIT_OUT = "pass time_unit= ('s', 'ms', 'us', 'ns', or 'sample' with a rate for an index; --time-unit)"
 _DAYS = ".assign(**{{{clock!r}: lambda f: f[{clock!r}] * 86400}})"
 
-SEVERAL = "several recordings must be told apart: a file each, or a column that does (id=, --id COLUMN)"
+SEVERAL = "several recordings must be told apart: a file each, or a column that does (id=, --id)"
 
-IGNORED_OUT = "state the rate, and the clock is ignored: pass rate_hz=RATE (--recorded-hz RATE)"
+STATE_RATE = in_both(rate_hz=RATE)
+_IGNORED_OUT = ("; state the rate, and the clock is ignored: pass ", STATE_RATE, ", the one in Hz")
 
 _CLOCK_TEXT = re.compile(r"(-?\d+ days )?[+-]?\d{1,3}:\d{2}:\d{2}(\.\d+)?")
 _MINUTES_TEXT = re.compile(r"\d{1,3}:\d{2}\.\d+")
@@ -73,14 +73,14 @@ def stamps_of(values: NDArray[Any], unit: str | None, asked: str | None, rate_hz
     kind = values.dtype.kind
     if kind in "mM":
         if np.isnat(values).any():
-            raise TableError(f"the stamp is empty; {IGNORED_OUT}", int(np.isnat(values).argmax()))
+            raise TableError(("the stamp is empty", *_IGNORED_OUT), int(np.isnat(values).argmax()))
         ns = values.astype(f"{kind}8[ns]").astype(np.int64)
         return Stamps((ns - ns[0]) / 1e9, int(ns[0]) / 10**9, 0.0)  # of integers, rounded once
     if kind not in "iuf":
         raise TableError(f"the clock holds {values.dtype}; wanted seconds as numbers, or dates and times")
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
-        raise TableError(f"the stamp is {values[bad[0]]}; {IGNORED_OUT}", int(bad[0]))
+        raise TableError((f"the stamp is {values[bad[0]]}", *_IGNORED_OUT), int(bad[0]))
     scale = 1.0 if unit is None and asked is None else _per_second(unit, asked, rate_hz)
     if kind in "iu" and scale != 1:
         ticks = values.astype(np.int64)
@@ -88,7 +88,9 @@ def stamps_of(values: NDArray[Any], unit: str | None, asked: str | None, rate_hz
     stamps = np.asarray(values, np.float64)
     stamps = stamps if scale == 1 else stamps / scale
     if abs(stamps[0]) > NOT_SECONDS:
-        raise TableError(f"the stamp {stamps[0]:.6g} cannot be seconds since 1970; {UNIT_OUT}", 0)
+        step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+        problem = f"the stamp {stamps[0]:.6g} cannot be seconds since 1970; pass "
+        raise TableError((problem, *_other_units(step)), 0)
     time_s = stamps - stamps[0]
     if not np.abs(time_s).max() < np.inf:
         raise TableError(f"the stamps span {time_s[-1]:g} s", len(stamps) - 1)
@@ -119,7 +121,7 @@ def _from_text(values: NDArray[Any]) -> NDArray[Any]:
     series = pandas.Series(values)
     empty = series.isna()
     if empty.any():
-        raise TableError(f"the stamp is empty; {IGNORED_OUT}", int(empty.to_numpy().argmax()))
+        raise TableError(("the stamp is empty", *_IGNORED_OUT), int(empty.to_numpy().argmax()))
     texts = series.astype(str).str.strip().str.replace(_FRACTION, ".", regex=True)
     numbers = pandas.to_numeric(texts, errors="coerce")
     if not numbers.isna().any():  # rows that are no samples made text of them
@@ -146,16 +148,17 @@ def _from_text(values: NDArray[Any]) -> NDArray[Any]:
         return min(readings, key=lambda dates: np.abs(np.diff(dates)).sum())
     no_number = numbers.isna().to_numpy()
     first = int(no_number.argmax())
-    way_out, mend = "", ""
+    way_out: tuple[str, ...] = ()
+    mend = ""
     if first == 0:  # a later row may be no sample
-        way_out = f"; {IGNORED_OUT}"
+        way_out = _IGNORED_OUT
     elif no_number[first:].all():
         below = in_both(csv={"skipfooter": len(values) - first})
-        way_out = f"; what stands below the samples is left out: pass {below}"
+        way_out = ("; what stands below the samples is left out: pass ", below)
     elif no_number.mean() < _MOST_LATE:
         mend = NUMERIC_ROWS
-    problem = f"the stamp {str(values[first])[:40]!r} is no number and no date{way_out}"
-    raise TableError(problem, first, mend=mend)
+    problem = f"the stamp {str(values[first])[:40]!r} is no number and no date"
+    raise TableError((problem, *way_out), first, mend=mend)
 
 
 def has_date(values: NDArray[Any]) -> bool:
@@ -184,13 +187,11 @@ def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, rep
         if not repair:
             first = int(late.argmax())
             before, after = time_s[first - 1 : first + 1]
-            ways_out = [f"time runs back from {before:.9g} to {after:.9g} s after the first sample"]
+            parts: list[str] = [f"time runs back from {before:.9g} to {after:.9g} s after the first sample"]
             restarts = bool(after <= 0)
-            if restarts:
-                ways_out.append(SEVERAL)
             if not restarts or late.sum() <= 2 + _MOST_LATE * len(late):
-                ways_out.append("on_time_error='repair' sorts samples")
-            raise TableError("; ".join(ways_out), first)
+                parts += ["; to sort samples pass ", in_both(on_time_error="repair")]
+            raise TableError([*parts, "; ", SEVERAL] if restarts else parts, first)
         rows = np.argsort(time_s, kind="stable")
         touched = late[rows]
     n_moved = int(touched.sum())
@@ -205,8 +206,11 @@ def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, rep
         most = int(np.unique(stamps, return_counts=True)[1].max())
         mean = f" (by the stamps {(len(stamps) - 1) / float(stamps[-1]):.4g} Hz)" if stamps[-1] > 0 else ""
         raise TableError(
-            f"up to {most} different rows have one stamp: readings came in packets, and are not averaged; state the "
-            f"rate at which they were taken{mean}, and the clock is ignored: pass rate_hz=RATE (--recorded-hz RATE)",
+            (
+                f"up to {most} different rows have one stamp: readings came in packets, and are not averaged; state "
+                f"the rate in Hz at which they were taken{mean}, and the clock is ignored: pass ",
+                STATE_RATE,
+            ),
             int(rows[repeated[0] + 1]),
         )
     return Order(rows, touched, n_moved, int(again.sum()))
@@ -269,20 +273,33 @@ def rate_of(
         came = f"stamps lie {step:g} apart: that would be {1 / step:.3g} Hz"
         if 3e4 < stamps.first_s < 6e4 and step < 1e-3:  # of Excel, 1982 to 2064
             raise TableError(f"{came}; most likely they count days", mend=_DAYS)
-        raise TableError(f"{came}; most likely they count {guess}: {UNIT_OUT}")
+        raise TableError((f"{came}; most likely they count {guess}: pass ", *_other_units(step)))
     if (
         file_hz is not None
         and time_s[-1] > 0
         and not np.isclose(measured_hz, file_hz, _RATE_TOLERANCE, 0).any()
     ):
         problem = f"the file states {file_hz:g} Hz, but its stamps {measured_hz[0]:.6g} Hz"
-        raise TableError(f"{problem}; save the one that is true, or {UNIT_OUT} if they are no seconds")
+        units = _other_units(median, file_hz)
+        raise TableError((f"{problem}; save the one that is true, or if stamps are no seconds pass ", *units))
     known_hz = file_hz if stated_hz is None else stated_hz
     if known_hz is not None and largest_offset(time_s, known_hz) <= STATED_TOLERANCE / known_hz:
         return known_hz, None
     if stated_hz is not None:
         return stated_hz, _ignored_clock(time_s, steps, stated_hz)
     return uniform_rate(time_s, resolution_s=stamps.resolution_s), None
+
+
+def _other_units(step: float, rate_hz: float | None = None) -> list[str]:
+    """Return the units in which steps of stamps may be counted: those of the rate, or of one that sensors have."""
+    low, high = (_SHORTEST_STEP_S, _LONGEST_STEP_S) if rate_hz is None else (0.9 / rate_hz, 1.1 / rate_hz)
+    units = [
+        unit for unit, second in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)) if low < step * second < high
+    ]
+    ways = [in_both(time_unit=unit) for unit in units or [Unknown("UNIT")]]
+    if step == 1:
+        ways.append(in_both(time_unit="sample", rate_hz=RATE if rate_hz is None else rate_hz))
+    return alternatives(ways)
 
 
 def _ignored_clock(time_s: FloatArray, steps: FloatArray, rate_hz: float) -> str:
@@ -297,10 +314,9 @@ def _ignored_clock(time_s: FloatArray, steps: FloatArray, rate_hz: float) -> str
             f"out, and call .split(gap_s={min(1.0, longest / 2):.2g}) before to make a recording of each stretch"
         )
     if largest_offset(time_s, rate_hz) > 2 * longest + 0.02 * float(time_s[-1]) + STATED_TOLERANCE / rate_hz:
-        raise TableError(
-            f"{stated}, but the stamps say {mean}; leave the rate out to use the stamps, then call "
-            f".resample(rate_hz), or {UNIT_OUT} if they are no seconds"
-        )
+        problem = f"{stated}, but the stamps say {mean}; leave the rate out to use the stamps, then call "
+        units = _other_units(float(np.median(steps)), rate_hz)
+        raise TableError((f"{problem}.resample(rate_hz), or if they are no seconds pass ", *units))
     return f"the clock was ignored: {stated}, by the stamps {mean} on average"
 
 

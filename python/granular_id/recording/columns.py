@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from granular_id._checks import FloatArray, argument_error
+from granular_id._checks import FloatArray, WayOutError, argument_error, parts_of
 from granular_id._core import AXES, GranularIdError
-from granular_id._text import in_both
+from granular_id._text import alternatives, in_both
 
 _INCH_M = 0.0254
 _POUND_N = 4.4482216152605
@@ -118,10 +118,11 @@ def units_by_axis(axes: Sequence[str], units: Sequence[str] | None) -> dict[str,
     """Return the unit stated of each axis: of one for all, one an axis, or one for each of several equal runs."""
     if not units:
         return {}
-    run, rest = divmod(len(axes), len(units))
-    if rest or not run:
+    run = len(axes) // len(units)
+    if len(units) not in (1, len(axes)) and 3 * len(units) != len(axes):
         problem = f"has {len(units)} for {len(axes)} axes ({', '.join(axes)})"
-        wanted = "wanted one for all, one per axis, or one for each of several runs of equal length"
+        each = ",".join(f"unit of {axis}" for axis in axes)
+        wanted = f"wanted one per axis, in this order ({each}), one for all, or one for each three (N,Nm)"
         raise argument_error(GranularIdError, "units", f"{problem}; {wanted}")
     return {axis: unit for i, axis in enumerate(axes) if (unit := units[i // run])}
 
@@ -131,21 +132,18 @@ RATE, FLAGS = "rate_hz", "sample_flags"
 ABOUT = (TIME, RECORDING, LABEL, SESSION, RATE, FLAGS)
 """What a column may be besides an axis; flags only in files that are written here: ``flags`` may be anything."""
 
-_CHOOSES = {
-    RECORDING: in_both(id="NAME"),
-    LABEL: in_both(label="column:NAME"),
-    SESSION: in_both(session="column:NAME"),
-}
-
 TIMES = (
     "time",
     *["t", "timestamp", "timestamps", "stamp", "ts", "datetime", "seconds", "sec", "secs", "xvalue"],
+    *["zeit", "tiempo"],
 )
 """Names of a clock without case and separators; of several that are there, the first one is it."""
 
+_TORQUES = ("t", "m", "tau", "torque", "moment", "drehmoment", "couple", "par", "momento")
+
 _WORDS = {
-    **{word + axis: "f" + axis for axis in "xyz" for word in ("f", "force")},
-    **{word + axis: "t" + axis for axis in "xyz" for word in ("t", "m", "tau", "torque", "moment")},
+    **{word + axis: "f" + axis for axis in "xyz" for word in ("f", "force", "kraft", "fuerza")},
+    **{word + axis: "t" + axis for axis in "xyz" for word in _TORQUES},
     **{f"actualtcpforce{i}": axis for i, axis in enumerate(AXES)},
     **dict.fromkeys(TIMES, TIME),
     **{word + end: RECORDING for word in ("recording", "trial") for end in ("", "id")},
@@ -178,20 +176,20 @@ _IN_TWO = re.compile(r"(.*)secs?(?:onds)?\n\1n(?:ano)?secs?(?:onds)?", re.IGNORE
 """Columns of whole seconds and of nanoseconds, as ROS prints stamps."""
 
 
-class TableError(GranularIdError):
+class TableError(WayOutError):
     """Samples that make no recording: the problem, and the row and column of the table where it is."""
 
     def __init__(
         self,
-        problem: str,
+        problem: str | Sequence[str],
         row: int | None = None,
         column: str | None = None,
         *,
         no_wrench: bool = False,  # the table holds none of the axes, and may be something else
         mend: str = "",  # methods of a data frame that make recordings of it
     ) -> None:
-        super().__init__(problem)
-        self.problem, self.row, self.column, self.no_wrench, self.mend = problem, row, column, no_wrench, mend
+        super().__init__(*parts_of(problem))
+        self.row, self.column, self.no_wrench, self.mend = row, column, no_wrench, mend
 
 
 class Meaning(NamedTuple):
@@ -260,7 +258,12 @@ def columns_of(
             places = [places[ranks.index(min(ranks))]]
         if len(places) > 1:
             problem = f"columns {' and '.join(map(repr, places[:2]))} both mean {what}"
-            raise TableError(f"{problem}; name one of them: {_CHOOSES.get(what, 'keep only one')}")
+            if what not in (RECORDING, LABEL, SESSION):
+                raise TableError(f"{problem}; keep only one")
+            ways = [
+                in_both(id=one) if what == RECORDING else in_both(**{what: f"column:{one}"}) for one in places
+            ]
+            raise TableError((f"{problem}; name one of them: ", *alternatives(ways)))
         found[what] = places[0]
     beside = [name for name in names if TIME in found and _IN_TWO.fullmatch(f"{found[TIME]}\n{name}")]
     return {**found, NANOSECONDS: beside[0]} if beside else found
@@ -359,7 +362,7 @@ def _no_number(
         option = {"na_values": text}
     why = "; if it stands for a missing sample" * (option.get("na_values") == text)
     if option and of_text:
-        return TableError(f"{text!r} is no number{why}: pass {in_both(csv=option)}", row, name)
+        return TableError((f"{text!r} is no number{why}: pass ", in_both(csv=option)), row, name)
     mend = mended(names, is_text=True)
     stamps = columns.get(clock or "")
     if stamps is not None and stamps.dtype.kind == "O" and _NUMBER.fullmatch(str(stamps[0])):

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import argument_error
+from granular_id._checks import WayOutError, argument_error
 from granular_id._core import GranularIdError
-from granular_id._text import counted, short, verb
+from granular_id._text import counted, short, typed, verb
 from granular_id.recording.checks import Finding
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.onset import ONSET_STEP
@@ -26,6 +26,10 @@ from granular_id.recording.setup import (
     unit_differences,
     values_in,
 )
+
+
+PAUSE_S = 1.0
+"""So long a pause is none of jitter: several pushes stand in one log."""
 
 
 def setups_in(data: Dataset) -> list[Setup]:
@@ -217,18 +221,23 @@ class Requirements:
         """Refuse other axes, rates and set-ups but for what is in `accept`; return what else differs, each once."""
         for recording in data:
             if recording.axes != self.axes:
-                way_out = f": call .select(axes={list(self.axes)}) (--axes {','.join(self.axes)})"
-                raise GranularIdError(
+                way_out = (f": call .select(axes={list(self.axes)}) ", typed(axes=self.axes))
+                raise WayOutError(
                     f"recording {recording.name!r} has the axes {' '.join(recording.axes)}; the model was trained on "
-                    f"{' '.join(self.axes)}{way_out * (set(recording.axes) >= set(self.axes))}"
+                    f"{' '.join(self.axes)}",
+                    *(way_out if set(recording.axes) >= set(self.axes) else ()),
                 )
             if recording.rate_hz != self.rate_hz:
                 own = recording.rate_hz
                 came = "is sampled irregularly" if own is None else f"has {own:g} Hz"
-                raise GranularIdError(
-                    f"recording {recording.name!r} {came}, the model was trained at {self.rate_hz:g} Hz; nothing is "
-                    f"resampled unasked: call .resample({self.rate_hz:g}) (--resample-hz {self.rate_hz:g})"
-                )
+                came += f", the model was trained at {self.rate_hz:g} Hz"
+                call, options = f".resample({self.rate_hz:g})", {"resample_hz": self.rate_hz}
+                longest = 0.0 if own is not None else float(np.diff(recording.times()).max(initial=0))
+                if longest >= PAUSE_S:
+                    came += f", and has pauses of up to {longest:.3g} s"
+                    call, options = f".split(gap_s={PAUSE_S:g}){call}", {"split_gap_s": PAUSE_S, **options}
+                problem = f"recording {recording.name!r} {came}; nothing is resampled unasked: call {call} "
+                raise WayOutError(problem, typed(**options))
         found: dict[str, None] = {}
         for recording, setup in zip(data, setups_in(data), strict=True):
             differences = self.differences(setup, recording.meta)
@@ -248,11 +257,12 @@ class Requirements:
             return data
         short = [recording for recording in data if recording.n_samples < n]
         if short:
-            skip = f": call .align({n}, on_short='skip') (--duration-s {n / rate_hz:.9g} --on-error skip)"
-            raise GranularIdError(
+            skip = (f": call .align({n}, on_short='skip') ", typed(duration_s=n / rate_hz, on_error="skip"))
+            raise WayOutError(
                 f"recording {short[0].name!r} has {short[0].n_samples} samples "
                 f"({short[0].n_samples / rate_hz:g} s), the model takes {n} ({n / rate_hz:g} s); {len(short)} of "
-                f"{counted(len(data))} {verb(len(short), 'is', 'are')} shorter{skip if len(short) < len(data) else ''}"
+                f"{counted(len(data))} {verb(len(short), 'is', 'are')} shorter",
+                *(skip if len(short) < len(data) else ()),
             )
         if self._begins_at_first:
             cropped = data.align(n)
@@ -260,11 +270,13 @@ class Requirements:
             return Dataset(cropped.recordings, [*data.history, step])
         if self.lead_s is None:
             longer = next(recording for recording in data if recording.n_samples > n)
-            over = ", or answer over all of it (--hop-s, .predict_over(recording))" if over_all else ""
-            raise GranularIdError(
+            over = ", or answer over all of it (--hop-s, .predict_over(recording))"
+            raise WayOutError(
                 f"recording {longer.name!r} has {longer.n_samples} samples, the model takes {n}, and does not know how "
                 f"much rest comes before the motion: crop recordings as those of the training, Dataset.align({n}) from "
-                f"the first sample on (--duration-s {n / rate_hz:.9g}){over}"
+                "the first sample on ",
+                typed(duration_s=n / rate_hz),
+                over * over_all,
             )
         start = round(self.lead_s * rate_hz)
         begun = [replace(r, trigger_index=start) if r.n_samples == n else r for r in data]

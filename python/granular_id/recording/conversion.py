@@ -5,6 +5,7 @@ Every format and every data frame becomes a `Table`, and passes here.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
@@ -14,11 +15,11 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, checked_text, frozen_mapping, locked
 from granular_id._core import AXES
-from granular_id._text import in_both
+from granular_id._text import alternatives, in_both
 from granular_id.recording.clock import (
-    IGNORED_OUT,
     SEVERAL,
     SINCE_1970,
+    STATE_RATE,
     Stamps,
     has_date,
     rate_of,
@@ -54,6 +55,8 @@ from granular_id.recording.recording import (
     unit_of,
     with_named_units,
 )
+
+_MOST_OFFERED = 3
 
 
 @dataclass(frozen=True)
@@ -263,10 +266,12 @@ def _units_of(
             problem = f"column {called[other]!r} states a unit and column {called[silent[0]]!r} none"
             raise TableError(f"{problem}; wanted that of each", column=called[silent[0]])
     units = {axis: unit_spelling(unit) for axis, unit in own.items() if axis not in AXES and unit is not None}
+    bare = [axis for axis, unit in own.items() if axis not in AXES and unit is None]
+    notes = [f"no unit is known of {', '.join(bare)[:200]}: units= states it (--units)"] if bare else []
     if not converted:
-        return None, units, []
+        return None, units, notes
     said_units = ", ".join(dict.fromkeys(f"{unit} to {unit_of(axis)}" for axis, unit in converted.items()))
-    return tuple(scales), units, [f"converted from {said_units}"]
+    return tuple(scales), units, [*notes, f"converted from {said_units}"]
 
 
 # The recordings of a table: rows, clock, label, session.
@@ -334,11 +339,11 @@ class _Part:
             rate_hz, time_s, start_time = self._settled(stamps, file_hz)
         except TableError as error:
             row = None if error.row is None else int(self._rows[error.row])
-            problem, mend = error.problem, error.mend.format(clock=self._picked.called.get(TIME))
-            if SEVERAL in problem:
+            parts, mend = error.parts, error.mend.format(clock=self._picked.called.get(TIME))
+            if SEVERAL in parts:
                 way, mend = self._told_apart()
-                problem = problem.replace(SEVERAL, f"{SEVERAL}{way}")
-            raise TableError(problem, row, self._picked.called.get(TIME), mend=mend) from error
+                parts = (*parts, *way)
+            raise TableError(parts, row, self._picked.called.get(TIME), mend=mend) from error
         n, trigger = len(self._wrench), self._trigger
         if trigger is not None and not 0 <= trigger < n:
             raise TableError(f"trigger_index={trigger} is outside the {n} samples")
@@ -405,7 +410,7 @@ class _Part:
             try:
                 return stamps_of(self._columns[TIME], self._picked.time_unit, stated.time_unit, rate_hz)
             except TableError as error:
-                if stated.rate_hz is None or IGNORED_OUT not in error.problem:
+                if stated.rate_hz is None or STATE_RATE not in error.parts:
                     raise
                 said = error.problem.partition(";")[0]
                 self.remarks["remark"] = f"the clock was ignored: {rate_hz:g} Hz is stated, and {said}"
@@ -455,11 +460,11 @@ class _Part:
             self.remarks["first_stamp_s"] = stamps.first_s
         return rate_hz, None if rate_hz is not None else stamps.time_s, first_s
 
-    def _told_apart(self) -> tuple[str, str]:
+    def _told_apart(self) -> tuple[tuple[str, ...], str]:
         """Return the option that tells recordings apart whose clocks begin anew, or methods that do."""
         clock, label = self._columns[TIME], self._columns.get(LABEL)
         if clock.dtype.kind not in "iuf":
-            return "", ""
+            return (), ""
         begins = set(np.flatnonzero(np.diff(clock) < 0).tolist())
         known = set() if label is None else _changes(label)
         others = {
@@ -469,7 +474,7 @@ class _Part:
         }
         ids = [name for name, changes in others.items() if changes and changes | known == begins]
         if not ids:
-            return "", f".assign(recording=lambda f: (f[{self._picked.called[TIME]!r}].diff() < 0).cumsum())"
+            return (), f".assign(recording=lambda f: (f[{self._picked.called[TIME]!r}].diff() < 0).cumsum())"
         way = {"id": ids[0]}
         if label is None and self._stated.label is None and self._stated.label_else is None:
             texts = {
@@ -479,23 +484,23 @@ class _Part:
             }
             if not texts and self._table.columns[ids[0]].dtype.kind == "O":  # of names of files
                 names = f"f[{ids[0]!r}].str.replace(r'[\\W_]*\\d*(\\.\\w+)?$', '', regex=True)"
-                return "", f".assign(recording=lambda f: f[{ids[0]!r}], label=lambda f: {names})"
+                return (), f".assign(recording=lambda f: f[{ids[0]!r}], label=lambda f: {names})"
             way |= {"label": f"column:{min(texts, key=texts.__getitem__)}"} if texts else {}
-        return f"; pass {in_both(**way)}", ""
+        return ("; pass ", in_both(**way)), ""
 
-    def _no_clock(self) -> str:
+    def _no_clock(self) -> list[str]:
         """Say that no rate is known, and which columns may be a clock."""
         clock = self._table.clock
         if self._stated.irregular:
-            return f"has no {clock}, but is called irregular"
+            return [f"has no {clock}, but is called irregular"]
         counting = [
             name
             for name, cells in self._table.columns.items()
-            if cells.dtype.kind in "iuf" and len(cells) > 2 and (np.diff(cells.astype(np.float64)) > 0).all()
+            if len(cells) > 2 and name not in self._picked.called.values() and _may_be_clock(cells)
         ]
-        names = ", ".join(counting)[:80]
-        column = f", or time= with the column that is the clock ({names}?; --time COLUMN)" if names else ""
-        return f"has no {clock} and no rate is stated; pass rate_hz=RATE (--recorded-hz RATE){column}"
+        ways = [in_both(time=name) for name in counting[:_MOST_OFFERED]]
+        columns = ["; if it is the clock pass ", *alternatives(ways)] if ways else []
+        return [f"has no {clock} and no rate is stated; pass ", STATE_RATE, ", the one in Hz", *columns]
 
     def _rate_in_table(self) -> float | None:
         """Return the rate that a column of the table states."""
@@ -523,12 +528,12 @@ class _Part:
                 kinds = list(dict.fromkeys(_texts_of(self._columns[what]).tolist()))
                 if len(kinds) > 1:
                     shown = ", ".join(f"{kind!r:.30}" for kind in kinds[:5])
-                    problem, mend = f"has {len(kinds)} values in one recording: {shown}; wanted one", ""
+                    problem, mend = [f"has {len(kinds)} values in one recording: {shown}; wanted one"], ""
                     if RECORDING not in self._columns and len(_changes(self._columns[what])) >= len(kinds):
                         begins = f"f[{column!r}] != f[{column!r}].shift()"
                         mend = f".assign(recording=lambda f: ({begins}).cumsum())"
                     elif RECORDING not in self._columns:
-                        problem += f"; to take each as a recording pass {in_both(id=column)}"
+                        problem += ["; to take each as a recording pass ", in_both(id=column)]
                     raise TableError(problem, int(self._rows[0]), column, mend=mend)
                 text = kinds[0] or text
             elif what in dict(self._stated.columns) and text is None:
@@ -539,6 +544,14 @@ class _Part:
             return None if text is None else checked_text(text, what, spaced=False)
         except ValueError as error:
             raise TableError(str(error), column=column) from None
+
+
+def _may_be_clock(cells: NDArray[Any]) -> bool:
+    """Whether values rise, and not by one as an index, or are texts of times."""
+    if cells.dtype.kind not in "iuf":
+        return cells.dtype.kind == "M" or bool(re.search(r"\d:\d\d", str(cells[0])))
+    steps = np.diff(cells.astype(np.float64))
+    return bool((steps > 0).all() and (steps != 1).any())
 
 
 def _changes(cells: NDArray[Any]) -> set[int]:

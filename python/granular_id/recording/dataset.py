@@ -167,8 +167,8 @@ class Dataset:
         axes : str or sequence of str, optional
             Names of the C columns; needed unless they are fx fy fz tx ty tz.
         units : str or sequence of str, optional
-            Units of the axes: one for all, one an axis, or one for each of several runs of equal length. Forces and
-            torques are converted to N and N m; others stand in ``meta["units"]``.
+            Units of the axes: one for all, one an axis, or one for each three axes (``"N,Nm"``). Forces and torques
+            are converted to N and N m; others stand in ``meta["units"]``.
 
         Returns
         -------

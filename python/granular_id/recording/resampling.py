@@ -10,9 +10,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from granular_id._checks import FloatArray, argument_error, checked_choice, finite_number
+from granular_id._checks import FloatArray, WayOutError, argument_error, checked_choice, finite_number
 from granular_id._core import GranularIdError
-from granular_id._text import counted, fixed
+from granular_id._text import counted, fixed, typed
 from granular_id.recording.recording import Recording, SampleFlag
 from granular_id.recording.report import StepReport, subject
 
@@ -50,7 +50,7 @@ def resample_recordings(
         gap = step_s(recording, np.max)
         if recording.rate_hz is None and gap > limit:
             if on_gap == "raise":
-                raise GranularIdError(_gap_message(recording, recordings, limit))
+                raise WayOutError(*_gap_message(recording, recordings, limit))
             skipped.append({"name": recording.name, "skipped": f"gap of {gap:.3g} s"})
         elif recording.rate_hz == rate:
             results.append(recording)
@@ -99,7 +99,7 @@ def resample_recordings(
     return results, StepReport("resample", parameters, totals, skipped + changed, notes)
 
 
-def _gap_message(recording: Recording, recordings: Sequence[Recording], limit: float) -> str:
+def _gap_message(recording: Recording, recordings: Sequence[Recording], limit: float) -> tuple[str, ...]:
     """Describe the first gap, and all together: a limit is chosen with this, so the largest is rounded up."""
     first = int(np.argmax(np.diff(recording.times())))
     gaps = [step_s(r, np.max) for r in recordings if r.rate_hz is None]
@@ -110,8 +110,12 @@ def _gap_message(recording: Recording, recordings: Sequence[Recording], limit: f
         f"recording {recording.name!r} has a gap of {step_s(recording, np.max):.3g} s after sample {first} (at "
         f"{fixed(recording.times()[first], 3)} s), beyond max_gap_s={limit:g}; {beyond} of {len(recordings)} "
         f"recordings {such}, the largest {largest:g} s: call .split(gap_s={limit:g}) before to make a recording of "
-        f"each stretch (--split-gap-s {limit:g}), raise max_gap_s, None being no limit, to interpolate over it "
-        f"(--max-gap-s {largest:g}), or pass on_gap='skip' to leave such recordings out (--on-error skip)"
+        "each stretch ",
+        typed(split_gap_s=limit),
+        ", raise max_gap_s, None being no limit, to interpolate over it ",
+        typed(max_gap_s=float(largest)),
+        ", or pass on_gap='skip' to leave such recordings out ",
+        typed(on_error="skip"),
     )
 
 

@@ -11,9 +11,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id._checks import argument_error, checked_choice, finite_number, thaw, whole_number
+from granular_id._checks import WayOutError, argument_error, checked_choice, finite_number, thaw, whole_number
 from granular_id._core import GranularIdError
-from granular_id._text import counted, fixed
+from granular_id._text import counted, fixed, typed
 from granular_id.recording.clock import samples_in, uniform_rate
 from granular_id.recording.recording import Recording, SampleFlag, common_axes, common_rate
 from granular_id.recording.report import StepReport, first_names, subject
@@ -111,10 +111,12 @@ def align_recordings(
         missing = _missing(recording, start, n)
         if missing and on_short == "raise":
             said, least = f"{sum(samples < n for samples in room)} of {len(room)} recordings", min(room)
-            fits = f"n_samples={least} fits all (--duration-s {least / rate_hz:.9g})"
-            raise GranularIdError(
-                f"recording {recording.name!r} {missing}; {said} have no room; {fits if least else 'ask for less lead'}"
-                ", or pass on_short='skip' to leave such recordings out (--on-error skip)"
+            fits = (f"n_samples={least} fits all ", typed(duration_s=least / rate_hz))
+            raise WayOutError(
+                f"recording {recording.name!r} {missing}; {said} have no room; ",
+                *(fits if least else ["ask for less lead"]),
+                ", or pass on_short='skip' to leave such recordings out ",
+                typed(on_error="skip"),
             )
         if start is None or missing:
             skipped.append({**row, "skipped": missing})
@@ -164,15 +166,18 @@ def _starts(
     without = [r.name for r in recordings if r.trigger_index is None]
     if without and on_short == "raise":
         names = first_names([*map(repr, without)])
-        raise GranularIdError(
-            f"{subject(len(without))} no trigger_index: {names}; call .find_onsets() (--begin-at onset), state it "
-            "with .find_onsets(overrule={name: seconds}), or pass on_short='skip' to leave such recordings out "
-            "(--on-error skip)"
+        raise WayOutError(
+            f"{subject(len(without))} no trigger_index: {names}; call .find_onsets() ",
+            typed(begin_at="onset"),
+            ", state it with .find_onsets(overrule={name: seconds}), or pass on_short='skip' to leave such recordings "
+            "out ",
+            typed(on_error="skip"),
         )
     if len(without) == len(recordings):
-        raise GranularIdError(
-            f"none of the {counted(len(without))} has a trigger_index; call .find_onsets() (--begin-at onset), or see "
-            "in its report why it found none"
+        raise WayOutError(
+            f"none of the {counted(len(without))} has a trigger_index; call .find_onsets() ",
+            typed(begin_at="onset"),
+            ", or see in its report why it found none",
         )
     return [None if r.trigger_index is None else r.trigger_index - lead for r in recordings]
 
@@ -290,9 +295,10 @@ def cut_windows(
         short = f"is shorter than a window: {fixed(recording.n_samples)} samples, {fixed(n)} wanted"
         if on_short == "raise":
             n_short = sum(one.n_samples < n for one in recordings)
-            raise GranularIdError(
+            raise WayOutError(
                 f"recording {recording.name!r} {short}; {n_short} of {len(recordings)} recordings are too short: "
-                "ask for shorter windows, or pass on_short='skip' to leave such recordings out (--on-error skip)"
+                "ask for shorter windows, or pass on_short='skip' to leave such recordings out ",
+                typed(on_error="skip"),
             )
         skipped.append({"name": recording.name, "samples_before": recording.n_samples, "skipped": short})
     if not windows:

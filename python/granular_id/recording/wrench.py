@@ -10,9 +10,17 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granular_id._checks import FloatArray, argument_error, as_floats, checked_text, finite_numbers, thaw
+from granular_id._checks import (
+    FloatArray,
+    WayOutError,
+    argument_error,
+    as_floats,
+    checked_text,
+    finite_numbers,
+    thaw,
+)
 from granular_id._core import AXES, GranularIdError
-from granular_id._text import counted
+from granular_id._text import counted, typed
 from granular_id.recording.clock import samples_in
 from granular_id.recording.columns import same_unit
 from granular_id.recording.recording import KNOWN_UNITS, Recording, irregular_among, unit_of
@@ -253,9 +261,12 @@ def tare_recordings(
         raise GranularIdError(f"{irregular}; call .resample(rate_hz) first, nothing is resampled silently")
     without = [r.name for r in recordings if r.trigger_index is None]
     if without:
-        raise GranularIdError(
+        raise WayOutError(
             f"{subject(len(without))} no trigger_index: {first_names([*map(repr, without)])}; where the rest ends "
-            "is not known: call .find_onsets() (--begin-at onset), or leave them out (--on-error skip)"
+            "is not known: call .find_onsets() ",
+            typed(begin_at="onset"),
+            ", or leave them out ",
+            typed(on_error="skip"),
         )
     least_s, most_s = TARE_S if lead_s is None else (lead_s, lead_s)
     results, rows = [], []

@@ -1,7 +1,11 @@
 """A refusal ends with the command that helps, complete: it is typed as it stands, and works."""
 
+import os
 import re
+import shlex
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -232,8 +236,134 @@ def test_what_is_no_archive_becomes_one_as_said(folder, tmp_path):
     ended_well("extract", tmp_path / "fleet", "-o", tmp_path / "out", "--quiet")
 
 
-def test_clock_of_another_name_is_named_by_the_option(tmp_path):
-    folder = each_label(tmp_path / "in", clock="zeit")
-    assert "(zeit?; --time COLUMN)" in refused("evaluate", folder)
-    ended_well("data", "convert", folder, tmp_path / "x.npz", "--time", "zeit")
-    assert load(tmp_path / "x.npz")[0].rate_hz == 125
+def test_clock_of_another_name_is_named_by_the_option(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = each_label(tmp_path / "in", clock="tick")
+    ended_well(*way_out(refused("evaluate", folder)))
+    assert load("in-prepared.npz")[0].rate_hz == 125
+
+
+# -- what a refusal prints is typed as it stands
+
+
+def index_of(folder, header, row):
+    """Write recordings whose names say nothing, and an index."""
+    lines = [header]
+    for i in range(8):
+        table(folder / f"rec_{i}.csv")
+        lines.append(row.format(file=f"rec_{i}.csv", label=LABELS[i % 2], i=i % 3))
+    (folder / "index.csv").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("file,material", "{file},{label}"),
+        ("file;Class", "{file};{label}"),
+        ("file,grain,operator", "{file},{label},ann"),
+        ("file,grain,rig", "{file},{label},r{i}"),
+    ],
+)
+def test_labels_of_an_index_are_taken_as_it_says(tmp_path, monkeypatch, header, row):
+    monkeypatch.chdir(tmp_path)
+    words = way_out(refused("evaluate", index_of(tmp_path / "in", header, row)))
+    ended_well(*words)
+    assert load(words[3]).y.tolist() == list(LABELS[:2]) * 4
+
+
+@pytest.mark.parametrize("place", ["column:Grain", "meta:Grain", "column:grain", "meta:grain"])
+def test_column_of_an_index_is_a_label(tmp_path, place):
+    index_of(tmp_path / "in", "file,Grain", "{file},{label}")
+    assert load(tmp_path / "in", label=place).y.tolist() == list(LABELS[:2]) * 4
+
+
+def test_label_that_nothing_says_is_not_guessed(tmp_path):
+    for i in range(3):
+        table(tmp_path / "in" / f"{i}.csv")
+    assert "data convert" not in refused("evaluate", tmp_path / "in")
+
+
+STAMPS = {
+    "time": ("ms", np.arange(100) * 8),
+    "t": ("us", np.arange(100) * 8000),
+    "stamp": ("ns", 1_700_000_000_000_000_000 + np.arange(100) * 8_000_000),
+}
+
+
+@pytest.mark.parametrize("clock", STAMPS)
+def test_unit_of_stamps_is_named_and_no_file_left_out(tmp_path, monkeypatch, clock):
+    monkeypatch.chdir(tmp_path)
+    unit, stamps = STAMPS[clock]
+    for label in LABELS[:2]:
+        folder = tmp_path / "in" / label
+        folder.mkdir(parents=True)
+        frame = pd.DataFrame(RNG.normal(size=(100, 6)), columns=AXES)
+        frame.insert(0, clock, stamps)
+        frame.to_csv(folder / "1.csv", index=False)
+    line = refused("data", "check", tmp_path / "in")
+    assert "--on-error" not in line
+    words = way_out(line)
+    assert words[-2:] == ["--time-unit", unit]
+    ended_well(*words)
+    assert load(words[3]).rate_hz == 125
+
+
+@pytest.mark.parametrize("options", [{"clock": ""}, {"above": "Units: N, Nmm\n", "clock": "tick"}])
+def test_what_only_the_user_knows_is_no_command(tmp_path, options):
+    for label in LABELS[:2]:
+        table(tmp_path / "in" / label / "1.csv", **options)
+    line = refused("data", "info", tmp_path / "in")
+    assert "granular-id data convert" not in line or not re.search(
+        "RATE|UNITS", line.partition("granular-id")[2]
+    )
+
+
+def test_log_with_pauses_is_split_for_a_model(model, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    times = np.concatenate([start + np.arange(60) / 125 for start in (0.0, 9.0)])
+    wrench = np.concatenate([one.wrench for one in make(1)[:2]])
+    path = save(Dataset([Recording(wrench, time_s=times, name="log")]), tmp_path / "log.npz")
+    words = way_out(refused("identify", model, path))
+    assert words[4:6] == ["--split-gap-s", "1"]
+    ended_well(*words)
+    ended_well("identify", model, words[3])
+
+
+def test_options_of_a_training_stand_in_the_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for label in LABELS[:2]:
+        for i in range(5):
+            table(tmp_path / "in" / label / f"{i}.csv", ("wx", "wy", "wz"), clock="")
+    options = ("--axes", "wx,wy,wz", "--units", "rad/s", "--recorded-hz", "62.5")
+    ended_well("data", "convert", "in", "in.npz", *options)
+    ended_well("train", "in.npz", "-o", "m.safetensors", "--space", "hfmh", "--quiet")
+    table(tmp_path / "now.csv", ("wx", "wy", "wz", "temp \N{DEGREE SIGN}C"), clock="")
+    text = (tmp_path / "now.csv").read_text()
+    (tmp_path / "now.csv").write_bytes(text.encode("cp1252"))
+    words = way_out(refused("identify", "m.safetensors", "now.csv"))
+    assert "62.5" in words
+    ended_well(*words)
+    ended_well("identify", "m.safetensors", words[3])
+
+
+def test_lines_of_python_are_a_command_that_saves(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    np.savez("in.npz", force=np.ones((4, 60, 3)), torque=np.ones((4, 60, 3)), y=[*"abab"], fs=200)
+    line = run("data", "info", "in.npz").stderr.splitlines()[-1]
+    assert line.startswith("python -c ")
+    subprocess.run(shlex.split(line.replace("python", sys.executable, 1)), check=True, env=os.environ)
+    assert load("in-prepared.npz").y.tolist() == [*"abab"]
+
+
+@pytest.mark.parametrize("name", ["x.xlsx", "x.ods", "x.json", "x.zip", "x.mat"])
+def test_endings_of_other_files_are_no_folders(folder, tmp_path, name):
+    assert "cannot be written" in refused("data", "convert", folder, tmp_path / name)
+    assert not (tmp_path / name).exists()
+
+
+def test_column_that_is_not_there_has_no_way_out(tmp_path):
+    each_label(tmp_path / "in")
+    line = refused("data", "info", tmp_path / "in", "--session", "column:foo")
+    assert "session='foo' is no column of it" in line
+    assert "granular-id" not in line.partition("there are")[2]

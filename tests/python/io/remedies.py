@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 
 import pytest
@@ -27,19 +26,17 @@ def lines_of(problem):
 
 
 def run(line, rate_hz=500):
-    """Run one way out in a fresh Python, and return the data set of its last expression."""
-    *before, last = ast.parse(re.sub(r"\bRATE\b", repr(rate_hz), line)).body
+    """Run one way out in a fresh Python, and return the data set that it makes."""
     scope = {}
-    exec(compile(ast.Module(before, []), "way out", "exec"), scope)
-    return eval(compile(ast.Expression(last.value), "way out", "eval"), scope)
+    exec(re.sub(r"\bRATE\b", repr(rate_hz), line), scope)
+    return scope["data"]
 
 
-def options_of(problem):
-    """Return the options of each way out; they are written as in Python."""
-    clauses = re.split(r" or |; ", problem.partition("; in Python")[0])
-    found = [dict(re.findall(r"(\w+)=(\{[^{}]*\}|'[^']*'|RATE)", clause)) for clause in clauses]
-    values = [
-        {name: 500 if value == "RATE" else ast.literal_eval(value) for name, value in one.items()}
-        for one in found
+def options_of(path, rate_hz=500, **options):
+    """Return the options of each way out that `load` names."""
+    with pytest.raises(RecordingFileError) as caught:
+        load(path, **options)
+    return [
+        {name: rate_hz if value == "RATE" else value for name, value in way.items()}
+        for way in caught.value.ways
     ]
-    return [one for one in values if one]

@@ -273,7 +273,7 @@ def test_material_run_and_name_are_read_where_the_name_is_chosen(tmp_path):
         for i, place in enumerate(["rice/1", "rice/2", "peas/run_1"]):
             file[f"{place}/wrench"], file[f"{place}/joints"] = X[i], np.ones((50, 7))
         file.attrs["fs"] = 500
-    assert options_of(refusal(tmp_path / "a.h5")) == [{"array": "wrench"}]
+    assert options_of(tmp_path / "a.h5") == [{"array": "wrench"}]
     data = load(tmp_path / "a.h5", array="wrench")
     assert [(one.label, one.rate_hz) for one in data] == [("peas", 500), ("rice", 500), ("rice", 500)]
 
@@ -338,7 +338,7 @@ def test_pickled_objects_have_a_line_for_who_wrote_them(tmp_path, ending):
 
 def test_labels_under_another_name_are_not_passed_over(tmp_path):
     np.savez(tmp_path / "a.npz", X=X, labels=LABELS, fs=500)
-    (way,) = options_of(refusal(tmp_path / "a.npz"))
+    (way,) = options_of(tmp_path / "a.npz")
     assert load(tmp_path / "a.npz", **way).y.tolist() == LABELS
 
 
@@ -354,3 +354,19 @@ def test_units_under_another_name_are_refused(tmp_path):
     with pytest.raises(RecordingFileError, match=r"'torque_unit' states units.* pass units="):
         load(tmp_path / "a.npz")
     np.testing.assert_allclose(load(tmp_path / "a.npz", units=["N", "Nmm"]).X, X, atol=1e-12)
+
+
+@pytest.mark.parametrize("ending", ["npz", "npy"])
+def test_what_is_no_array_file_has_its_own_sentence(tmp_path, ending):
+    (tmp_path / f"a.{ending}").write_bytes(b"no array in here" * 9)
+    assert "is no N" in (problem := refusal(tmp_path / f"a.{ending}"))
+    assert "pickle" not in problem
+
+
+@pytest.mark.parametrize("n", [4, 6])
+def test_rows_of_one_recording_each_have_both_readings(tmp_path, n):
+    whole = np.random.default_rng(2).normal(size=(n, 50, 6))
+    np.savez(tmp_path / "a.npz", X=whole.transpose(0, 2, 1).reshape(n, -1), y=["a", "b"] * (n // 2), fs=500)
+    by_axis, by_sample = map(run, lines_of(refusal(tmp_path / "a.npz")))
+    np.testing.assert_array_equal(by_axis.X, whole)
+    assert by_sample.X.shape == whole.shape

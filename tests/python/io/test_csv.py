@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 from effort import cases
+from granular_id._core import GranularIdError
 from granular_id.io import RecordingFileError, load
 from granular_id.recording import AXES
 
@@ -150,10 +151,10 @@ DASHES = GOOD.replace(b"0.00,1.5,2,3,4,5,6", b"0.00,--,--,--,--,--,--") + b"0.03
         (GOOD + b"Mean,1,2,3,4,5,6\n", "csv={'skipfooter': 1}", {"csv": {"skipfooter": 1}}),
         (GOOD.replace(b"1.5", b'"1,001.5"'), "csv={'thousands': ','}", {"csv": {"thousands": ","}}),
         (LATIN, "csv={'encoding': 'cp1252'}", {"csv": {"encoding": "cp1252"}}),
-        (GOOD.replace(b"time", b"clock"), "the clock (clock?; --time COLUMN)", {"time": "clock"}),
+        (GOOD.replace(b"time", b"clock"), "the clock pass time='clock' (--time clock)", {"time": "clock"}),
         (IN_MS, "time_unit=", {"time_unit": "ms"}),
         (HEADER + ROW2 + ROW1 + ROW3, "on_time_error='repair'", {"on_time_error": "repair"}),
-        (TWO_LABELS, "label='column:NAME'", {"label": "column:class"}),
+        (TWO_LABELS, "label='column:class'", {"label": "column:class"}),
         (TWO_FX, "pass axes=", {"axes": "F_x,fy,fz,tx,ty,tz"}),
     ],
 )  # fmt: skip
@@ -262,3 +263,67 @@ def test_damaged_indexes_are_read_or_one_exception(tmp_path, data):
     for on_error in ("raise", "skip"):
         with suppress(RecordingFileError):
             load(tmp_path, on_error=on_error)
+
+
+AMID = {
+    "sensor error": (40, None),
+    "# pause": (7, None),
+    "end of log": (101, None),
+    "# pause, by Ann, again": (50, "comment"),
+    "Mean,1,2,3,4,5,6": (101, "skipfooter"),
+    "Gain 2,1,2,3,4,5,6": (60, "is no number|skiprows"),
+}
+
+
+@pytest.mark.parametrize("text", AMID)
+@pytest.mark.parametrize("clock", ["time", "Nr"])
+def test_lines_that_are_no_samples_are_said_or_refused(tmp_path, text, clock):
+    at, problem = AMID[text]
+    rows = [f"{i / 100},1,2,3,4,5,6" for i in range(100)]
+    lines = [f"{clock},fx,fy,fz,tx,ty,tz", *rows]
+    lines.insert(at, text)
+    (tmp_path / "a_1.csv").write_text("\n".join([*lines, ""]))
+    options = {} if clock == "time" else {"rate_hz": 100}
+    if problem is not None:
+        with pytest.raises(RecordingFileError, match=problem) as caught:
+            load(tmp_path / "a_1.csv", **options)
+        assert caught.value.line == at + 1
+        return
+    data = load(tmp_path / "a_1.csv", **options)
+    assert (data[0].n_samples, data.rate_hz) == (100, 100)
+    assert f"1 line of text left out, the first is line {at + 1}: '{text}'" in " ".join(
+        data.history[-1].notes
+    )
+
+
+@pytest.mark.parametrize(
+    ("clock", "words"),
+    [
+        ("Zeit", "Kraft {}, Moment {}"),
+        ("Tiempo", "Fuerza_{}, Par_{}"),
+        ("t", "Force {}, Couple {}"),
+        ("Cas", "Sila {}, Moment {}"),
+    ],
+)
+def test_words_of_other_languages_are_all_six_axes(tmp_path, clock, words):
+    names = [clock, *(word.format(axis) for word in words.split(", ") for axis in "XYZ")]
+    rows = [",".join(map(str, (i / 100, 1, 2, 3, 4, 5, 6))) for i in range(20)]
+    (tmp_path / "a_1.csv").write_text("\n".join([",".join(names), *rows, ""]))
+    try:
+        data = load(tmp_path / "a_1.csv")
+    except RecordingFileError as error:
+        data = load(tmp_path / "a_1.csv", **error.ways[0])
+    assert data[0].wrench[3].tolist() == [1, 2, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize("units", ["N,Nm,N", "N,N,N,Nm"])
+def test_units_of_another_number_are_refused(tmp_path, units):
+    (tmp_path / "a_1.csv").write_bytes(GOOD)
+    with pytest.raises(GranularIdError, match="one per axis, in this order"):
+        load(tmp_path / "a_1.csv", axes="fx,fy,fz,tx,ty,tz", units=units)
+
+
+def test_axes_of_no_unit_are_said(tmp_path):
+    (tmp_path / "a_1.csv").write_bytes(GOOD.replace(b"fx", b"wx"))
+    data = load(tmp_path / "a_1.csv", axes="wx,fy")
+    assert "no unit is known of wx" in " ".join(data.history[-1].notes)

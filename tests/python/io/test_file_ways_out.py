@@ -76,7 +76,7 @@ def maker(torques="in-lb", scale=1 / INCH_POUND):
 
 
 IN_POUNDS = [1 / POUND] * 3 + [1 / INCH_POUND] * 3
-SAID = {"UNITS": "'lbf,in-lb'"}
+SAID = {"UNITS": "lbf,in-lb"}
 CASES = {
     # what is in the file, samples that are lost, what a placeholder stands for
     "LabVIEW": (labview(), [], {}),
@@ -106,9 +106,10 @@ def ways(path, placeholders):
     for options, n in waiting:
         problem = refusal(path, **options)
         yield from ((run(line, RATE), n) for line in lines_of(problem) if line)
-        for name, value in placeholders.items():
-            problem = problem.replace(f"{name.lower()}= with", f"{name.lower()}={value} with")
-        for way in options_of(problem):
+        for way in options_of(path, RATE, **options):
+            way |= {
+                name: placeholders[str(value)] for name, value in way.items() if str(value) in placeholders
+            }
             csv = {**options.get("csv", {}), **way.get("csv", {})}
             merged = {**options, **way, **({"csv": csv} if csv else {})}
             try:

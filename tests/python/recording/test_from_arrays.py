@@ -196,7 +196,7 @@ def test_from_frames_bad_table_is_refused_by_place(given, keywords, named):
 
 def test_from_frames_label_of_several_columns_is_chosen():
     given = frame(time=T, material="rice", label="peas")
-    with pytest.raises(ValueError, match="both mean label; name one of them: label='column:NAME'"):
+    with pytest.raises(ValueError, match="both mean label; name one of them: label='column:material'"):
         Dataset.from_frames(given)
     for label in ("material", "column:material"):
         assert Dataset.from_frames(given, label=label).labels == ("rice",)

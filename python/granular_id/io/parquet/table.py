@@ -65,7 +65,7 @@ def parquet_parts(source: FileSource, options: LoadOptions) -> Iterator[FileCont
         except RecordingFileError as error:  # noqa: PERF203
             if unreadable is None:
                 raise
-            lost = f"{error.problem}; its {counted(group.stop - group.start)} left out"
+            lost = (*error.parts, f"; its {counted(group.stop - group.start)} left out")
             problems.append(RecordingFileError(error.path, lost, place=f"row group {group.row_group}"))
     yield from problems
 
