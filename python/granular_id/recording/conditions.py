@@ -27,7 +27,6 @@ from granular_id.recording.setup import (
     values_in,
 )
 
-
 PAUSE_S = 1.0
 """So long a pause is none of jitter: several pushes stand in one log."""
 
