@@ -109,13 +109,13 @@ impl SosState {
     }
 
     /// Per section `z0` of every channel, then `z1`; for callers inside the crate that gather and scatter states.
-    pub(crate) fn values_mut(&mut self) -> &mut [f64] {
+    fn values_mut(&mut self) -> &mut [f64] {
         &mut self.values
     }
 }
 
 /// `b0`, `b1`, `b2`, `a1`, `a2` of `L` lanes.
-pub(crate) type Coefficients<const L: usize> = [[f64; L]; 5];
+type Coefficients<const L: usize> = [[f64; L]; 5];
 
 impl Section {
     /// The same in all lanes.

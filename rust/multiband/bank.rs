@@ -257,40 +257,40 @@ fn first<const N: usize>(values: &[f64]) -> Pack<f64, GROUP> {
 const HALVING_ORDER: usize = 7;
 
 /// Axes of a group, which go through the bank side by side.
-pub(super) const GROUP: usize = LANES;
+const GROUP: usize = LANES;
 
 /// The axes of a group at one instant.
-pub(super) type Axes8 = Pack<f32, GROUP>;
+type Axes8 = Pack<f32, GROUP>;
 
 /// Rows that go through a stage at a time: an even number, whole groups.
-pub(super) const ROWS: usize = 64;
+const ROWS: usize = 64;
 
 /// Rows before the first that a stage looks back to.
-pub(super) const BACK: usize = 4;
+const BACK: usize = 4;
 
 /// The three filters of the pyramid; the same at every stage, for frequencies are relative to its rate. Both octaves have
 /// the same zeros, twice at frequency 0 and twice at Nyquist: `(1 - z^-2)^2` is taken once.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Filters {
+struct Filters {
     /// The upper octave of two.
-    pub(super) top: Poles,
+    top: Poles,
     /// The octave below, or the only one, but for the first.
-    pub(super) octave: Poles,
+    octave: Poles,
     /// Before the rate is halved: `(A(a0) A(a2) + z^-1 A(a1)) / 2` with all-passes `A(a) = (a + z^-2) / (1 + a z^-2)`.
     halving: [f32; 3],
 }
 
 /// Two pairs of poles and the gain of a band-pass whose zeros are known.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Poles {
+struct Poles {
     /// `a1` and `a2` of each pair: `1 + a1 z^-1 + a2 z^-2`.
     pairs: [[f32; 2]; 2],
     /// Factor of the numerator.
-    pub(super) gain: f64,
+    gain: f64,
 }
 
 impl Filters {
-    pub(super) fn new() -> Result<Self> {
+    fn new() -> Result<Self> {
         let halving = all_passes()?.map(narrow);
         Ok(Self { top: Poles::new(TOP)?, octave: Poles::new(TOP / 2.0)?, halving })
     }
@@ -346,7 +346,7 @@ impl<V: F32x8> Last<V> {
 }
 
 /// What the filters of a stage remember of the rows before.
-pub(super) struct Memory<V> {
+struct Memory<V> {
     top: [Last<V>; 2],
     octave: [Last<V>; 2],
     /// What the all-passes gave last.
@@ -356,7 +356,7 @@ pub(super) struct Memory<V> {
 impl<V: F32x8> Memory<V> {
     /// Nothing before the first row.
     #[inline(always)]
-    pub(super) fn at_rest(zero: V) -> Self {
+    fn at_rest(zero: V) -> Self {
         let rest = Last { latest: zero, before: zero };
         Self { top: [rest; 2], octave: [rest; 2], halving: [zero; 3] }
     }
@@ -375,19 +375,19 @@ impl<V: F32x8> Memory<V> {
 
 /// What comes out of one block of a stage, without the gain of its filters.
 #[derive(Clone, Debug)]
-pub(super) struct Rows {
-    pub(super) top: [Axes8; ROWS],
-    pub(super) octave: [Axes8; ROWS],
+struct Rows {
+    top: [Axes8; ROWS],
+    octave: [Axes8; ROWS],
 }
 
 impl Rows {
-    pub(super) const ZERO: Self = Self { top: [Pack::ZERO; ROWS], octave: [Pack::ZERO; ROWS] };
+    const ZERO: Self = Self { top: [Pack::ZERO; ROWS], octave: [Pack::ZERO; ROWS] };
 }
 
 /// Sends at most [`ROWS`] rows, `input` with the [`BACK`] before them, through the filters of a stage, one or both octaves.
 /// `halved` are the rows of the next stage.
 #[inline(always)]
-pub(super) fn run<const UPPER: bool, const LOWER: bool, S: Simd>(
+fn run<const UPPER: bool, const LOWER: bool, S: Simd>(
     simd: S,
     filters: &Filters,
     m: &mut Memory<S::F32x8>,

@@ -205,7 +205,7 @@ const SHIFTS: [f64; 2] = [0.03, 3.0];
 const ROUNDING: f64 = 1e-5;
 
 /// Matrices at a time: eight bands of a recording of 1600 samples have one.
-pub(super) const MATRICES: usize = 8;
+const MATRICES: usize = 8;
 
 /// One number of each matrix.
 pub(super) type Numbers = Pack<f64, MATRICES>;
@@ -215,7 +215,7 @@ pub(super) type Numbers = Pack<f64, MATRICES>;
 pub(super) struct Resolvents {
     n: usize,
     /// The matrices, row by row; of them only the lower triangles count.
-    pub(super) matrices: Vec<Numbers>,
+    matrices: Vec<Numbers>,
     swept: Vec<Numbers>,
     sum: Vec<Numbers>,
     column: Vec<Numbers>,

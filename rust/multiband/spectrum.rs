@@ -167,12 +167,12 @@ fn edges(n_samples: usize) -> Vec<usize> {
 }
 
 /// Lanes of a [`Quad`].
-pub(super) const QUAD: usize = 4;
+const QUAD: usize = 4;
 
 /// Four numbers; every operation is that of each lane.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C, align(16))]
-pub(super) struct Quad(pub(super) [f32; QUAD]);
+struct Quad(pub(super) [f32; QUAD]);
 
 macro_rules! operators {
     ($($operator:ident $method:ident $sign:tt),*) => {$(

@@ -370,7 +370,7 @@ fn sensor_writes() -> PyErr {
 const MOST_TICKS: f64 = (1_u64 << 63) as f64;
 
 /// One row whose time may still be missing.
-pub(super) struct GivenRow<'a> {
+struct GivenRow<'a> {
     pub(super) wrench: &'a [f64],
     pub(super) ticks: Option<u64>,
     pub(super) flags: u8,
@@ -378,7 +378,7 @@ pub(super) struct GivenRow<'a> {
 }
 
 /// Several rows, checked, which nothing else may write to.
-pub(super) struct Rows<'py> {
+struct Rows<'py> {
     wrench: PyReadonlyArrayDyn<'py, f64>,
     n_axes: usize,
     ticks: Option<Vec<u64>>,
@@ -439,7 +439,7 @@ impl<'py> Rows<'py> {
 }
 
 /// The values of one row, in an array of [`contiguous_real`].
-pub(super) fn one_wrench<'py>(
+fn one_wrench<'py>(
     array: &Bound<'py, PyArrayDyn<f64>>,
     n_axes: usize,
 ) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
@@ -451,7 +451,7 @@ pub(super) fn one_wrench<'py>(
 }
 
 /// A time in seconds as ticks; `row` names it where there are several.
-pub(super) fn number_of_ticks(t: f64, tick_hz: f64, row: Option<usize>) -> PyResult<u64> {
+fn number_of_ticks(t: f64, tick_hz: f64, row: Option<usize>) -> PyResult<u64> {
     let ticks = (t * tick_hz).round();
     if (0.0..MOST_TICKS).contains(&ticks) {
         // Whole, not negative and below 2^63.
@@ -507,7 +507,7 @@ fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
 }
 
 /// The flags of one row.
-pub(super) fn flags_of_one(value: &Bound<'_, PyAny>) -> PyResult<u8> {
+fn flags_of_one(value: &Bound<'_, PyAny>) -> PyResult<u8> {
     let flags = whole(value, "flags")?;
     if flags & !KNOWN_FLAGS != 0 {
         return Err(GranularIdError::new_err(format!(
