@@ -15,7 +15,7 @@ use pyo3::types::{IntoPyDict, PyDict};
 use crate::arguments::{
     contiguous_real, named, optional, readable, shown, whole, word, wrong_shape, GranularIdError, OrRaise,
 };
-use granular_id::bindings::{reserved, short_number};
+use granular_id::bindings::short_number;
 use granular_id::buffer::{self, wrench_buffer, BufferSpec, DeviceClock, Fill, Pushed, Reader, Writer};
 use granular_id::wrench::KNOWN_FLAGS;
 
@@ -382,23 +382,8 @@ struct Rows<'py> {
     wrench: PyReadonlyArrayDyn<'py, f64>,
     n_axes: usize,
     ticks: Option<Vec<u64>>,
-    flags: Each<u8>,
-    host_ns: Each<u64>,
-}
-
-/// One value for all rows, or one for each.
-enum Each<T> {
-    All(T),
-    Row(Vec<T>),
-}
-
-impl<T: Copy> Each<T> {
-    fn at(&self, row: usize) -> T {
-        match self {
-            Self::All(value) => *value,
-            Self::Row(values) => values[row],
-        }
-    }
+    flags: Vec<u8>,
+    host_ns: Vec<u64>,
 }
 
 impl<'py> Rows<'py> {
@@ -416,11 +401,11 @@ impl<'py> Rows<'py> {
             ref shape => return Err(wrong_shape("wrench", format_args!("(n, {n_axes})"), shape)),
         };
         let ticks = t.map(|t| times(t, n_rows, tick_hz)).transpose()?;
-        let flags = flags.map_or(Ok(Each::All(0)), |flags| flags_of_rows(flags, n_rows))?;
+        let flags = flags.map_or_else(|| Ok(vec![0; n_rows]), |flags| flags_of_rows(flags, n_rows))?;
         let host_ns = match host_ns {
-            Some(value) if is_one_per_row(value)? => Each::Row(host_times(value, n_rows)?),
-            Some(one) => Each::All(named::host_ns(one)?),
-            None => Each::All(buffer::host_ns()),
+            Some(value) if is_one_per_row(value)? => host_times(value, n_rows)?,
+            Some(one) => vec![named::host_ns(one)?; n_rows],
+            None => vec![buffer::host_ns(); n_rows],
         };
         let wrench = readable(&wrench, "wrench")?;
         check_length(&wrench.shape()[..1], n_rows, "wrench")?;
@@ -432,8 +417,8 @@ impl<'py> Rows<'py> {
         Ok(wrench.as_slice()?.chunks_exact(*n_axes).enumerate().map(move |(row, wrench)| GivenRow {
             wrench,
             ticks: ticks.as_ref().map(|ticks| ticks[row]),
-            flags: flags.at(row),
-            host_ns: host_ns.at(row),
+            flags: flags[row],
+            host_ns: host_ns[row],
         }))
     }
 }
@@ -471,16 +456,7 @@ fn times(t: &Bound<'_, PyAny>, n_rows: usize, tick_hz: f64) -> PyResult<Vec<u64>
     check_length(array.shape(), n_rows, "t")?;
     let array = readable(&array, "t")?;
     let ticks = array.as_slice()?.iter().enumerate();
-    checked(n_rows, ticks.map(|(row, t)| number_of_ticks(*t, tick_hz, Some(row))))
-}
-
-/// Values of all rows, or the first error.
-fn checked<T>(n_rows: usize, values: impl Iterator<Item = PyResult<T>>) -> PyResult<Vec<T>> {
-    let mut all = reserved(n_rows).or_raise()?;
-    for value in values {
-        all.push(value?);
-    }
-    Ok(all)
+    ticks.map(|(row, t)| number_of_ticks(*t, tick_hz, Some(row))).collect()
 }
 
 /// Arrivals of many rows: integers stay exact, as float64 would not keep them.
@@ -503,7 +479,7 @@ fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
         }
         Ok(time.cast_unsigned())
     };
-    checked(n_rows, times.as_array().iter().enumerate().map(unsigned))
+    times.as_array().iter().enumerate().map(unsigned).collect()
 }
 
 /// The flags of one row.
@@ -518,9 +494,9 @@ fn flags_of_one(value: &Bound<'_, PyAny>) -> PyResult<u8> {
     Ok(flags)
 }
 
-fn flags_of_rows(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Each<u8>> {
+fn flags_of_rows(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u8>> {
     if !is_one_per_row(value)? {
-        return Ok(Each::All(flags_of_one(value)?));
+        return Ok(vec![flags_of_one(value)?; n_rows]);
     }
     let array = contiguous_real(value, "flags")?;
     check_length(array.shape(), n_rows, "flags")?;
@@ -535,7 +511,7 @@ fn flags_of_rows(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Each<u8>> 
             ))
         })
     };
-    Ok(Each::Row(checked(n_rows, array.as_slice()?.iter().enumerate().map(known))?))
+    array.as_slice()?.iter().enumerate().map(known).collect()
 }
 
 /// True for a sequence or array; false for a single value, also in an array without dimensions.
