@@ -15,7 +15,7 @@ use pyo3::types::{IntoPyDict, PyDict};
 use crate::arguments::{
     contiguous_real, named, optional, readable, shown, whole, word, wrong_shape, GranularIdError, OrRaise,
 };
-use granular_id::bindings::short_number;
+use granular_id::bindings::{filled, reserved, short_number};
 use granular_id::buffer::{self, wrench_buffer, BufferSpec, DeviceClock, Fill, Pushed, Reader, Writer};
 use granular_id::wrench::KNOWN_FLAGS;
 
@@ -401,11 +401,11 @@ impl<'py> Rows<'py> {
             ref shape => return Err(wrong_shape("wrench", format_args!("(n, {n_axes})"), shape)),
         };
         let ticks = t.map(|t| times(t, n_rows, tick_hz)).transpose()?;
-        let flags = flags.map_or_else(|| Ok(vec![0; n_rows]), |flags| flags_of_rows(flags, n_rows))?;
+        let flags = flags_of_rows(flags, n_rows)?;
         let host_ns = match host_ns {
             Some(value) if is_one_per_row(value)? => host_times(value, n_rows)?,
-            Some(one) => vec![named::host_ns(one)?; n_rows],
-            None => vec![buffer::host_ns(); n_rows],
+            Some(one) => filled(named::host_ns(one)?, n_rows).or_raise()?,
+            None => filled(buffer::host_ns(), n_rows).or_raise()?,
         };
         let wrench = readable(&wrench, "wrench")?;
         check_length(&wrench.shape()[..1], n_rows, "wrench")?;
@@ -456,7 +456,16 @@ fn times(t: &Bound<'_, PyAny>, n_rows: usize, tick_hz: f64) -> PyResult<Vec<u64>
     check_length(array.shape(), n_rows, "t")?;
     let array = readable(&array, "t")?;
     let ticks = array.as_slice()?.iter().enumerate();
-    ticks.map(|(row, t)| number_of_ticks(*t, tick_hz, Some(row))).collect()
+    checked(n_rows, ticks.map(|(row, t)| number_of_ticks(*t, tick_hz, Some(row))))
+}
+
+/// Values of all rows, or the first error.
+fn checked<T>(n_rows: usize, values: impl Iterator<Item = PyResult<T>>) -> PyResult<Vec<T>> {
+    let mut all = reserved(n_rows).or_raise()?;
+    for value in values {
+        all.push(value?);
+    }
+    Ok(all)
 }
 
 /// Arrivals of many rows: integers stay exact, as float64 would not keep them.
@@ -479,7 +488,7 @@ fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
         }
         Ok(time.cast_unsigned())
     };
-    times.as_array().iter().enumerate().map(unsigned).collect()
+    checked(n_rows, times.as_array().iter().enumerate().map(unsigned))
 }
 
 /// The flags of one row.
@@ -494,10 +503,12 @@ fn flags_of_one(value: &Bound<'_, PyAny>) -> PyResult<u8> {
     Ok(flags)
 }
 
-fn flags_of_rows(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u8>> {
-    if !is_one_per_row(value)? {
-        return Ok(vec![flags_of_one(value)?; n_rows]);
-    }
+fn flags_of_rows(value: Option<&Bound<'_, PyAny>>, n_rows: usize) -> PyResult<Vec<u8>> {
+    let value = match value {
+        None => return filled(0, n_rows).or_raise(),
+        Some(one) if !is_one_per_row(one)? => return filled(flags_of_one(one)?, n_rows).or_raise(),
+        Some(value) => value,
+    };
     let array = contiguous_real(value, "flags")?;
     check_length(array.shape(), n_rows, "flags")?;
     let array = readable(&array, "flags")?;
@@ -511,7 +522,7 @@ fn flags_of_rows(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u8>> {
             ))
         })
     };
-    array.as_slice()?.iter().enumerate().map(known).collect()
+    checked(n_rows, array.as_slice()?.iter().enumerate().map(known))
 }
 
 /// True for a sequence or array; false for a single value, also in an array without dimensions.

@@ -11,7 +11,7 @@ use pyo3::types::PyTuple;
 use crate::arguments::{contiguous_real, named, optional, output, readable, writable, wrong_shape, OrRaise};
 use crate::features::PyFeatureSpec;
 use crate::model::PyModel;
-use granular_id::bindings::ranking;
+use granular_id::bindings::{collected, ranking};
 use granular_id::stream::{StreamingExtractor, StreamingIdentifier, Windows};
 
 /// Features of a recording while its samples arrive, equal to those of the whole recording bit for bit.
@@ -221,13 +221,15 @@ impl PyStreamingIdentifier {
     /// Scores `(L,)` of the learners.
     fn scores<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         // Borrowed for a moment only, in which nothing of Python's runs: any thread finds the stream free.
-        let scores = slf.try_borrow_mut()?.stream.scores().or_raise()?.to_vec();
+        let scores =
+            collected(slf.try_borrow_mut()?.stream.scores().or_raise()?.iter().copied()).or_raise()?;
         Ok(PyArray1::from_vec(slf.py(), scores))
     }
 
     /// Mean losses `(K,)` of the classes: the smallest wins, the first of equal ones.
     fn losses<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let losses = slf.try_borrow_mut()?.stream.losses().or_raise()?.to_vec();
+        let losses =
+            collected(slf.try_borrow_mut()?.stream.losses().or_raise()?.iter().copied()).or_raise()?;
         Ok(PyArray1::from_vec(slf.py(), losses))
 >>>>>>> 3d963978 (Refusals of a batch, of a model and of a box in one place each; blocks of a multi-band specification are a set)
     }
