@@ -198,40 +198,16 @@ impl PyStreamingIdentifier {
         self.stream().push(rows.as_slice()?).or_raise()
     }
 
-<<<<<<< HEAD
-    /// Scores `(L,)` of the learners; written to `out` and returned, where it is given.
-    #[pyo3(signature = (out = None))]
-    fn scores<'py>(
-        &self,
-        py: Python<'py>,
-        out: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        self.written(py, out, Model::n_learners, StreamingIdentifier::scores)
-    }
-
-    /// Mean losses `(K,)` of the classes: the smallest wins, the first of equal ones. Written to `out`, where it is given.
-    #[pyo3(signature = (out = None))]
-    fn losses<'py>(
-        &self,
-        py: Python<'py>,
-        out: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        self.written(py, out, |model| model.classes().len(), StreamingIdentifier::losses)
-=======
     /// Scores `(L,)` of the learners.
-    fn scores<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        // Borrowed for a moment only, in which nothing of Python's runs: any thread finds the stream free.
-        let scores =
-            collected(slf.try_borrow_mut()?.stream.scores().or_raise()?.iter().copied()).or_raise()?;
-        Ok(PyArray1::from_vec(slf.py(), scores))
+    fn scores<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let scores = collected(self.stream().scores().or_raise()?.iter().copied()).or_raise()?;
+        Ok(PyArray1::from_vec(py, scores))
     }
 
     /// Mean losses `(K,)` of the classes: the smallest wins, the first of equal ones.
-    fn losses<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let losses =
-            collected(slf.try_borrow_mut()?.stream.losses().or_raise()?.iter().copied()).or_raise()?;
-        Ok(PyArray1::from_vec(slf.py(), losses))
->>>>>>> 3d963978 (Refusals of a batch, of a model and of a box in one place each; blocks of a multi-band specification are a set)
+    fn losses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let losses = collected(self.stream().losses().or_raise()?.iter().copied()).or_raise()?;
+        Ok(PyArray1::from_vec(py, losses))
     }
 
     /// Everything about the answer at one moment.
@@ -296,7 +272,6 @@ fn rows<'py>(array: &Bound<'py, PyArrayDyn<f64>>, n_axes: usize) -> PyResult<PyR
     }
     Err(wrong_shape("wrench", format_args!("(k, {n_axes}) or ({n_axes},)"), array.shape()))
 }
-<<<<<<< HEAD
 
 impl PyStreamingExtractor {
     fn stream(&self) -> MutexGuard<'_, StreamingExtractor> {
@@ -308,21 +283,4 @@ impl PyStreamingIdentifier {
     fn stream(&self) -> MutexGuard<'_, StreamingIdentifier> {
         self.stream.lock().unwrap_or_else(PoisonError::into_inner)
     }
-
-    /// Numbers of an answer, as many as `len` says, in the caller's `out` or a new array.
-    fn written<'py>(
-        &self,
-        py: Python<'py>,
-        out: Option<&Bound<'py, PyAny>>,
-        len: impl FnOnce(&Model) -> usize,
-        numbers: for<'a> fn(&'a mut StreamingIdentifier) -> granular_id::Result<&'a [f64]>,
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let len = len(&self.model.get().model);
-        let out = output(py, out, &[len])?;
-        let mut target = writable(&out, &[len], "", &[])?;
-        target.as_slice_mut()?.copy_from_slice(numbers(&mut self.stream()).or_raise()?);
-        Ok(out)
-    }
 }
-=======
->>>>>>> 3d963978 (Refusals of a batch, of a model and of a box in one place each; blocks of a multi-band specification are a set)
