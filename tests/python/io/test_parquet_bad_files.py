@@ -106,7 +106,7 @@ def test_mark_in_the_footer_that_is_wrong_is_refused(archive, mark, message):
         (lambda t: t.drop_columns(["tz"]), "row group 0: cannot be decoded: .*tz"),
         (
             with_column("fx", pa.array([1.0] * 17 + [None] * 3)),
-            "fx, row group 1: sample 2 of recording 'push 3' is nan",
+            "fx, row group 1: sample 7 is nan",
         ),
         (with_column("fx", pa.array([[1.0]] * 20)), "row group 0: cannot be decoded"),
     ],
