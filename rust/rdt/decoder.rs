@@ -201,8 +201,8 @@ impl Sequence {
         self.hand_on(entry, ticks, sink);
     }
 
-    /// A record at a place counted as lost; the buffer puts it in order. False if its sample is none of those before the
-    /// newest.
+    /// A record at a place counted as lost; the buffer puts it in order, and drops it if an earlier record brought its sample.
+    /// False if its sample is none of those before the newest.
     fn late(&mut self, entry: Entry, newest: Newest, sink: &mut impl FnMut(Decoded)) -> bool {
         let (records, samples) = (distance(entry.rdt, newest.rdt), distance(entry.ft, newest.ft));
         let ticks = newest.ticks.checked_sub(u64::from(samples.unsigned_abs()));

@@ -1,5 +1,6 @@
 //! The sensor's records from outside: every fault is counted as it was made, and counts add up whatever comes.
 
+use granular_id::buffer::{wrench_buffer, BufferSpec, Pushed, Row};
 use granular_id::rdt::{Counts, Decoded, Decoder, Record, Scale, Variant};
 use granular_id::wrench::{BAD_STATUS, SATURATED};
 use proptest::prelude::*;
@@ -167,6 +168,16 @@ fn a_sample_under_a_new_number_is_stale() {
     let (rows, counts) = placed(&[(1, 14), (2, 28), (3, 28), (4, 42), (5, 56)]);
     assert_eq!(rows, [(0, 14), (0, 28), (0, 42), (0, 56)]);
     assert_eq!((counts.stale, counts.lost), (1, 0));
+}
+
+#[test]
+fn a_known_sample_under_a_lost_number_is_a_duplicate_in_the_buffer() {
+    let (rows, counts) = placed(&[(1, 14), (2, 28), (4, 56), (3, 28)]);
+    assert_eq!((counts.reordered, counts.lost), (1, 0));
+    let (mut writer, _) = wrench_buffer(BufferSpec::default().with_tick_hz(7000.0)).unwrap();
+    let mut push = |ticks| writer.push_in_epoch(&Row { ticks, host_ns: 0, wrench: [0.0; 6], flags: 0 });
+    let pushed: Vec<_> = rows.into_iter().map(|(_, ticks)| push(ticks)).collect();
+    assert_eq!(pushed, [Pushed::Written, Pushed::Written, Pushed::Written, Pushed::Duplicate]);
 }
 
 fn decoder(variant: Variant, limit: f64) -> Decoder {

@@ -1,7 +1,9 @@
-//! Any datagrams, in any order: nothing panics, every record is accounted for, and rows make sense.
+//! Any datagrams, in any order: nothing panics, every record is accounted for, rows make sense, and the buffer hands each
+//! sample on once, in the order of time.
 
 #![no_main]
 
+use granular_id::buffer::{wrench_buffer, BufferSpec, BufferedRow};
 use granular_id::rdt::{records, Counts, Decoded, Decoder, Record, Scale, Variant};
 use libfuzzer_sys::fuzz_target;
 
@@ -50,7 +52,11 @@ fuzz_target!(|data: &[u8]| {
     let limit = if settings & 4 == 0 { f64::INFINITY } else { 1000.0 };
     let mut decoder = Decoder::new(VARIANTS[usize::from(settings & 3) % 3], scale, [limit; 6]);
     let (mut given, mut whole, mut within, mut rows, mut epochs) = (0_u64, 0_u64, 0_u64, 0_u64, 0_u64);
-    let mut seen = std::collections::HashSet::new();
+    // Rows of a datagram, and those that wait, fit many times.
+    let depth = usize::from(settings >> 3);
+    let spec = BufferSpec::default().with_seconds(0.5).with_tick_hz(7000.0).with_reorder_depth(depth);
+    let (mut writer, mut reader) = wrench_buffer(spec).expect("a usual buffer");
+    let (mut read, mut newest, mut written) = ([BufferedRow::EMPTY; 250], None, 0);
     datagrams(data, |datagram| {
         given += 1;
         if let Some(records) = records(datagram) {
@@ -62,16 +68,31 @@ fuzz_target!(|data: &[u8]| {
                 rows += 1;
                 assert!(row.wrench.iter().all(|value| value.is_finite() && value.abs() <= limit));
                 assert!(row.host_ns <= given);
-                // a sample is handed on once
-                assert!(seen.insert((epochs, row.ticks)));
+                writer.push_in_epoch(&row);
             }
-            Decoded::NewEpoch => epochs += 1,
+            Decoded::NewEpoch => {
+                epochs += 1;
+                writer.new_epoch();
+            }
         });
+        while reader.n_ahead() > 0 {
+            let taken = reader.read(&mut read).expect("six axes");
+            assert_eq!(taken.missed, 0);
+            for row in &read[..taken.n_rows] {
+                // later than all before, of this epoch or of one before it
+                assert!(newest.replace((row.epoch, row.row.ticks)) < Some((row.epoch, row.row.ticks)));
+                written += 1;
+            }
+        }
         let waiting = u64::from(decoder.is_waiting());
         let Counts { records, rows, duplicates, stale, implausible, out_of_range, .. } = *decoder.counts();
         assert_eq!(records, rows + duplicates + stale + implausible + out_of_range + waiting);
     });
     decoder.finish();
+    writer.flush();
+    let stats = reader.stats();
+    assert_eq!(rows, stats.written + stats.duplicates + stats.late);
+    assert!(written <= stats.written && epochs >= stats.epochs);
     let counts = *decoder.counts();
     assert_eq!((counts.datagrams, counts.malformed, counts.records), (given, given - whole, within));
     assert_eq!((counts.rows, counts.restarts), (rows, epochs));
