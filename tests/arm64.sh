@@ -27,8 +27,9 @@ CONF
   export APT_CONFIG=$box/apt.conf
   apt-get update -qq
   # The standard library of arm64 has to be that of the compiler, which runs on this machine's processor.
+  std=libstd-rust-$(apt-cache show rustc/trixie-backports | sed -n 's/^Version: \([0-9]*\.[0-9]*\).*/\1/p')
   apt-get install -qq --yes --download-only {rustc,cargo,libstd-rust-dev,libstd-rust-dev:arm64}/trixie-backports \
-    {libstd-rust-1.96,libstd-rust-1.96:arm64}/trixie-backports gcc libc6-dev gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user bash coreutils
+    {$std,$std:arm64}/trixie-backports gcc libc6-dev gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user bash coreutils
   for package in "$box"/cache/archives/*.deb; do dpkg-deb -x "$package" "$root"; done
   ln -sf gcc "$root/usr/bin/cc"
   touch "$box/ready"
