@@ -61,8 +61,8 @@
 
 // Tests compare results that are exact.
 #![cfg_attr(test, allow(clippy::float_cmp))]
-// What only some features use is dead without them; with all of them nothing may be.
-#![cfg_attr(not(feature = "default"), allow(dead_code, unused_imports))]
+// What only some features or the vectors of x86-64 use is dead without them; with all of them nothing may be.
+#![cfg_attr(not(all(feature = "default", target_arch = "x86_64")), allow(dead_code, unused_imports))]
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
 #[cfg(not(target_pointer_width = "64"))]

@@ -15,9 +15,7 @@ if [ ! -e "$box/ready" ]; then
   for folder in bin sbin lib lib64; do ln -s "usr/$folder" "$root/$folder"; done
   # From where this machine has its own packages.
   site=$(apt-get indextargets --format '$(SITE)' | head -n 1)
-  for suite in trixie trixie-backports; do
-    echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $site $suite main"
-  done > "$box/etc/sources.list"
+  echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $site trixie main" > "$box/etc/sources.list"
   touch "$box/status"
   cat > "$box/apt.conf" <<CONF
 Dir "$box"; Dir::Etc "$box/etc"; Dir::State "$box"; Dir::State::status "$box/status"; Dir::Cache "$box/cache";
@@ -26,10 +24,10 @@ APT::Install-Recommends "false"; APT::Sandbox::User "root"; Acquire::Languages "
 CONF
   export APT_CONFIG=$box/apt.conf
   apt-get update -qq
-  # The standard library of arm64 has to be that of the compiler, which runs on this machine's processor.
-  std=libstd-rust-$(apt-cache show rustc/trixie-backports | sed -n 's/^Version: \([0-9]*\.[0-9]*\).*/\1/p')
-  apt-get install -qq --yes --download-only {rustc,cargo,libstd-rust-dev,libstd-rust-dev:arm64}/trixie-backports \
-    {$std,$std:arm64}/trixie-backports gcc libc6-dev gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user bash coreutils
+  # Stable Debian's newer Rust. The standard library of arm64 has to be that of the compiler, which runs on this machine's
+  # processor.
+  apt-get install -qq --yes --download-only {rustc,cargo}-web libstd-rust-web-dev{,:arm64} \
+    gcc libc6-dev gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user bash coreutils
   for package in "$box"/cache/archives/*.deb; do dpkg-deb -x "$package" "$root"; done
   ln -sf gcc "$root/usr/bin/cc"
   touch "$box/ready"
