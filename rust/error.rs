@@ -1,4 +1,8 @@
-//! Everything that can go wrong with a caller's input.
+//! Everything that can go wrong with a caller's input: the messages.
+//!
+//! A limit is a constant `MAX_...` at the head of the file that checks it; its message is the variant of [`Error`] that the
+//! check gives, most often [`Error::Range`] or [`Error::Argument`]. Model files, sensors and windows of a buffer have errors
+//! of their own: `model/error.rs`, `rdt/mod.rs`, `buffer/reader.rs`.
 
 use std::fmt::Display;
 use std::ops::RangeInclusive;

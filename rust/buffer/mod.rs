@@ -338,13 +338,5 @@ mod tests {
             let wanted = (ticks as f64 * rate_hz / tick_hz).round() - 1.0;
             prop_assert_eq!(f64::from(spec.missing_between(5, ticks.saturating_add(5))), wanted.clamp(0.0, f64::from(u32::MAX)));
         }
-
-        #[test]
-        fn words_give_the_row_back(
-            (ticks, host_ns, flags, missing_before, epoch) in any::<(u64, u64, u8, u32, u32)>(),
-        ) {
-            let row = BufferedRow { row: Row { ticks, host_ns, wrench: (), flags }, missing_before, epoch };
-            prop_assert_eq!(BufferedRow::from_words(row.to_words()), row);
-        }
     }
 }

@@ -1,6 +1,6 @@
 //! Butterworth filters as second-order sections.
 //!
-//! Classic design: poles of the analog low-pass on the unit circle, moved to the band asked for at pre-warped
+//! Classic design: poles of the analog low-pass on the unit circle, moved to the wanted band at pre-warped
 //! frequencies, brought to the z-plane by the bilinear transform, and paired as `scipy.signal.zpk2sos` does. The result
 //! equals `scipy.signal.butter(order, edges, band, fs=rate_hz, output="sos")` section by section. Transcendental
 //! functions come from the `libm` crate, so that every machine has the same coefficients.

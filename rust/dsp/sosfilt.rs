@@ -4,7 +4,7 @@
 //! `scipy.signal.sosfilt` on x86-64, gives the same bits. Sections only see the output of the section before them and
 //! channels do not see each other, so the order in which sections and channels are visited changes no bit.
 //!
-//! Subnormal numbers are kept, because flushing them to zero would change bits. That costs little: the loops are bound
+//! Subnormal numbers stay, because flushing them to zero would change bits. That costs little: the loops are bound
 //! by the latency of the recurrence. The tail of the 8th-order high-pass, which never quite dies (rounding keeps it
 //! circling a few units of 2^-1074), runs at 1.1 times the time of noise for one channel and 1.5 times for six on AMD
 //! Zen 3. Machines that handle subnormals in microcode may take longer.
@@ -62,7 +62,7 @@ impl SosState {
     /// [`Error::Argument`] when a section has a pole at `z = 1`; [`Error::Memory`].
     pub fn steady(sos: &Sos, first: &[f64]) -> Result<Self> {
         let mut state = Self::zero(sos, first.len())?;
-        state.settle(&sos.steady_state()?, first);
+        state.set_steady(&sos.steady_state()?, first);
         Ok(state)
     }
 
@@ -98,7 +98,7 @@ impl SosState {
     }
 
     /// Overwrites the state with the steady one for a row of first samples.
-    pub(crate) fn settle(&mut self, steady: &[[f64; 2]], first: &[f64]) {
+    pub(crate) fn set_steady(&mut self, steady: &[[f64; 2]], first: &[f64]) {
         let per_section = 2 * self.channels.max(1);
         for (values, zi) in self.values.chunks_exact_mut(per_section).zip(steady) {
             let (z0, z1) = values.split_at_mut(self.channels);

@@ -59,8 +59,8 @@ impl Extractor {
         let stream = size_of_val(out) > STREAM_BYTES;
         let n_features = self.check_len(wrench.len(), shape)?;
         in_pieces(wrench, shape, (n_features, team_size(shape.n_axes)), threads, out, |wrench, shape, out| {
-            let teams = Teams { extractor: self, shape, n_features, wrench, out, stream };
-            if teams.extract(path) {
+            let piece = BatchPiece { extractor: self, shape, n_features, wrench, out, stream };
+            if piece.extract(path) {
                 return Ok(());
             }
             Err(not_finite(wrench, shape))
@@ -74,7 +74,7 @@ fn team_size(n_axes: usize) -> usize {
 }
 
 /// A piece of a batch and its rows of features.
-struct Teams<'a> {
+struct BatchPiece<'a> {
     extractor: &'a Extractor,
     shape: BatchShape,
     n_features: usize,
@@ -84,10 +84,10 @@ struct Teams<'a> {
     stream: bool,
 }
 
-impl Teams<'_> {
+impl BatchPiece<'_> {
     /// Extracts team after team; true if all values are finite and stay so.
     fn extract(self, path: SimdPath) -> bool {
-        let Teams { extractor, shape, n_features, wrench, out, stream } = self;
+        let BatchPiece { extractor, shape, n_features, wrench, out, stream } = self;
         let team = team_size(shape.n_axes);
         let mut finite = true;
         // More axes than lanes: some axes of a recording at a time.
@@ -289,7 +289,7 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
     }
 }
 
-/// What is done while a block is filtered: the block before it is counted, one of those behind it asked for.
+/// What is done while a block is filtered: the block before it is counted, and one of those behind it is prefetched.
 struct CountAndPrefetch<'a, S, const W: usize> {
     simd: S,
     counting: Counting<'a, W>,

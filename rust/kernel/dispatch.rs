@@ -30,7 +30,7 @@ impl SimdPath {
         [Self::Baseline, Self::Avx2, Self::Avx512].into_iter().filter(|path| path.is_available()).collect()
     }
 
-    /// The path used when none is asked for: the fastest available, or the one named by the environment
+    /// The path that is used: the fastest available, or the one named by the environment
     /// variable `GRANULAR_ID_SIMD` (`baseline`, `avx2`, `avx512`).
     ///
     /// The environment is read once per process.
@@ -39,23 +39,23 @@ impl SimdPath {
     /// [`Error::Argument`]: the variable names none, or one that this machine lacks.
     pub fn detect() -> Result<Self> {
         static CHOICE: OnceLock<Result<SimdPath>> = OnceLock::new();
-        let asked = || std::env::var_os("GRANULAR_ID_SIMD").unwrap_or_default();
-        CHOICE.get_or_init(|| Self::named(&asked().to_string_lossy())).clone()
+        let requested = || std::env::var_os("GRANULAR_ID_SIMD").unwrap_or_default();
+        CHOICE.get_or_init(|| Self::named(&requested().to_string_lossy())).clone()
     }
 
     /// The path of a name; the fastest where there is none.
-    fn named(asked: &str) -> Result<Self> {
+    fn named(name: &str) -> Result<Self> {
         let available = Self::available();
-        let found = if asked.is_empty() {
+        let found = if name.is_empty() {
             available.last()
         } else {
-            available.iter().find(|path| path.name() == asked)
+            available.iter().find(|path| path.name() == name)
         };
         found.copied().ok_or_else(|| {
             let names: Vec<_> = available.iter().map(|path| path.name()).collect();
             let wanted =
                 format_args!("be one of the vector units of this machine ({}), or not set", names.join(", "));
-            Error::argument("GRANULAR_ID_SIMD", wanted, format_args!("{asked:?}"))
+            Error::argument("GRANULAR_ID_SIMD", wanted, format_args!("{name:?}"))
         })
     }
 
@@ -168,11 +168,9 @@ mod tests {
         for path in [SimdPath::Baseline, SimdPath::Avx2, SimdPath::Avx512] {
             assert_eq!(SimdPath::named(path.name()).ok(), available.contains(&path).then_some(path));
         }
-        for asked in ["AVX2", "neon", "avx2 "] {
-            let error = SimdPath::named(asked).unwrap_err().to_string();
-            assert!(
-                error.contains("GRANULAR_ID_SIMD") && error.contains("baseline") && error.contains(asked)
-            );
+        for name in ["AVX2", "neon", "avx2 "] {
+            let error = SimdPath::named(name).unwrap_err().to_string();
+            assert!(error.contains("GRANULAR_ID_SIMD") && error.contains("baseline") && error.contains(name));
         }
     }
 }

@@ -99,9 +99,9 @@ fn shaped<S: Simd, const W: usize, const N: usize, const FIRST: bool>(
     if S::MANY_REGISTERS {
         // A copy, which no write to a row or a count can change, stays in registers. Sixteen registers are too few: section by
         // section, two sections or half of the lanes at a time, all with state in registers, took 1.3 to 1.6 times as long.
-        let mut kept = *memory;
-        rows_through::<W, N, FIRST>(sections, &mut kept, rows, overlap);
-        *memory = kept;
+        let mut copy = *memory;
+        rows_through::<W, N, FIRST>(sections, &mut copy, rows, overlap);
+        *memory = copy;
     } else {
         rows_through::<W, N, FIRST>(sections, memory, rows, overlap);
     }

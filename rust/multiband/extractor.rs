@@ -373,7 +373,7 @@ impl Job for SplitBands<'_> {
     }
 }
 
-/// The largest number of values of a recording whose workspace is kept: twelve times the paper's, or 40 MB of memory.
+/// The largest number of values of a recording whose workspace stays in the pool: twelve times the paper's, or 40 MB of memory.
 /// Longer ones take so much time that fresh memory costs nothing beside it.
 pub(super) const MAX_POOLED: usize = 1 << 16;
 
@@ -390,7 +390,7 @@ pub struct Workspace {
     pub(super) spectrum: Option<SpectrumWork>,
 }
 
-/// Workspaces of a design that nobody works in, kept for the recordings to come: to a short recording fresh memory costs as
+/// Workspaces of a design that nobody works in, for the recordings to come: to a short recording fresh memory costs as
 /// much as its features.
 #[derive(Debug, Default)]
 pub(super) struct WorkspacePool(Mutex<Vec<Workspace>>);
@@ -484,7 +484,7 @@ impl MultiBand {
         Ok(())
     }
 
-    /// Works through the recordings of a batch, in memory that is made once per thread and kept for the next batch.
+    /// Works through the recordings of a batch, in memory that is made once per thread and serves the next batch, too.
     fn each(
         &self,
         wrench: &[f64],

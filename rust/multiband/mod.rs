@@ -1,8 +1,9 @@
 //! Multi-band features: what a signal does in each octave, and how its axes move together there.
 //!
-//! A pyramid of band-passes splits a recording into octaves; of each band, blocks of numbers say how its axes are
-//! coupled, how their values are distributed, and how their energy goes through the recording; two more hold the whole
-//! spectrum and the level. `tests/python/multiband_twin.py` is the same in plain numpy.
+//! A pyramid of band-passes (`bank`) splits a recording into octaves; of each band, blocks of numbers say how its axes are
+//! coupled (`coupling`), how their values are distributed (`quantiles`), and how their energy goes through the recording
+//! (`envelope`, which has the level, too); one more holds the whole spectrum (`spectrum`, with its window function).
+//! `tests/python/multiband_twin.py` is the same in plain numpy.
 //!
 //! ```
 //! use granular_id::multiband::{MultiBand, MultiBandSpec, Scales};
@@ -33,7 +34,7 @@ pub(crate) use spec::TOO_LOUD;
 pub use spec::{n_bands, Block, FrequencyBand, MultiBandSpec, Scales};
 
 /// The float32 nearest to a number.
-#[allow(clippy::cast_possible_truncation)] // what is asked for
+#[allow(clippy::cast_possible_truncation)] // the purpose
 #[inline(always)]
 fn narrow(x: f64) -> f32 {
     x as f32

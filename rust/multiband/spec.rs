@@ -88,13 +88,13 @@ impl MultiBandSpec {
         Self { rate_hz, blocks: Block::NAMED.map(|(_, block)| wants(block)) }
     }
 
-    /// Whether a block is asked for.
+    /// True if a block is wanted.
     #[must_use]
     pub const fn wants(&self, block: Block) -> bool {
         self.blocks[block as usize]
     }
 
-    /// Blocks asked for that recordings of so many samples have.
+    /// True if a block is wanted that recordings of so many samples have.
     pub(super) fn has(&self, block: Block, n_samples: usize, n_axes: usize) -> bool {
         self.wants(block) && n_samples >= block.least_samples(n_axes)
     }

@@ -80,7 +80,7 @@ impl Statistic for Spectrum {
             window: Vec::with_capacity(n_samples),
             weight: 0.0,
         };
-        work.open(n_samples);
+        work.set_window(n_samples);
         work
     }
 
@@ -89,7 +89,7 @@ impl Statistic for Spectrum {
     #[inline(always)]
     fn compute(&self, _simd: impl Simd, split: Split<'_>, work: &mut SpectrumWork, out: &mut [f64]) {
         if work.window.len() != split.signals.len(0) {
-            work.open(split.signals.len(0));
+            work.set_window(split.signals.len(0));
         }
         let SpectrumWork { transform, scratch, window, weight } = work;
         let per_axis = self.edges.len() - 1;
@@ -139,7 +139,7 @@ impl SpectrumWork {
     /// Makes `window` the Hann window of `n` samples. Its ends lie half a sample outside, so that no sample is lost.
     #[cold]
     #[inline(never)]
-    fn open(&mut self, n: usize) {
+    fn set_window(&mut self, n: usize) {
         self.window.clear();
         let at = |t: usize| 0.5 - 0.5 * libm::cos(2.0 * PI * (t as f64 + 0.5) / n as f64);
         self.window.extend((0..n).map(|t| narrow(at(t))));

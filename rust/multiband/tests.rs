@@ -144,12 +144,12 @@ fn a_clone_has_the_bits_of_its_original() {
     let (mut out, mut expected) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
     let mut work = design.workspace().unwrap();
     design.extract_into(&rows, &mut work, &mut expected).unwrap();
-    let mut kept = Vec::new();
+    let mut copies = Vec::new();
     for size in 1..20 {
         let mut copy = work.clone();
         design.extract_into(&rows, &mut copy, &mut out).unwrap();
         assert!(bits(&out) == bits(&expected));
-        kept.push((copy, vec![0_u8; 16 * size]));
+        copies.push((copy, vec![0_u8; 16 * size]));
     }
 }
 

@@ -1,8 +1,9 @@
 //! Wrenches from an F/T sensor that speaks RDT over UDP.
 //!
 //! ATI's Net F/T and Ethernet Axia stream records of 36 bytes to the client whose request came last; boxes of `OnRobot` use the same
-//! framing. [`Decoder`] turns datagrams into rows without a socket, [`Receiver`] is the thread that feeds it and writes
-//! to a [`buffer`](crate::buffer).
+//! framing. A packet is read in `packet`, where [`Variant::judge`] judges its status word; [`Decoder`] judges its numbers
+//! (next, late, again, of another stream) and limits, and gives rows, without a socket; [`Receiver`] is the thread that
+//! feeds it and writes to a [`buffer`](crate::buffer).
 //!
 //! Source: ATI Industrial Automation, manuals 9620-05-NET FT and 9610-05-Ethernet Axia, chapters on UDP and status codes.
 

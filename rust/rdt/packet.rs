@@ -278,41 +278,36 @@ mod tests {
         assert!(Scale::new(1.0, 1.0).is_ok() && Scale::new(1e9, 1e12).is_ok());
     }
 
+    /// Flags of status words, and whether each is a mere warning.
     #[test]
-    fn net_ft() {
-        let judge = |status| Variant::NetFt.judge(status);
-        assert_eq!(judge(0), (0, false));
-        assert_eq!(judge(ERROR), (BAD_STATUS, false));
-        assert_eq!(judge(THRESHOLD), (0, true));
-        assert_eq!(judge(ERROR | THRESHOLD), (0, true));
-        assert_eq!(judge(ERROR | THRESHOLD | 4), (BAD_STATUS, false));
-        assert_eq!(judge(NET_FT_SATURATED), (SATURATED, false));
-        assert_eq!(judge(ERROR | NET_FT_SATURATED), (BAD_STATUS | SATURATED, false));
-        // Axia's bit for a force out of range is not the Net F/T's
-        assert_eq!(judge(1 << 30), (0, true));
-    }
-
-    #[test]
-    fn axia() {
-        let judge = |status| Variant::Axia.judge(status);
-        assert_eq!(judge(0), (0, false));
-        for bit in [0, 1, 2, 5, 29] {
-            assert_eq!(judge(ERROR | 1 << bit), (BAD_STATUS, false), "bit {bit}");
-            assert_eq!(judge(1 << bit), (BAD_STATUS, false), "bit {bit}");
+    fn status_words_are_judged_by_the_manual() {
+        let (good, warning, bad) = ((0, false), (0, true), (BAD_STATUS, false));
+        let (full, bad_and_full) = ((SATURATED, false), (BAD_STATUS | SATURATED, false));
+        for (variant, status, wanted) in [
+            (Variant::NetFt, 0, good),
+            (Variant::NetFt, ERROR, bad),
+            (Variant::NetFt, THRESHOLD, warning),
+            (Variant::NetFt, ERROR | THRESHOLD, warning),
+            (Variant::NetFt, ERROR | THRESHOLD | 4, bad),
+            (Variant::NetFt, NET_FT_SATURATED, full),
+            (Variant::NetFt, ERROR | NET_FT_SATURATED, bad_and_full),
+            (Variant::NetFt, AXIA_SATURATED, warning),
+            (Variant::Axia, 0, good),
+            (Variant::Axia, 0x8000_0008, bad),
+            (Variant::Axia, 0x8800_0000, bad_and_full),
+            (Variant::Axia, 0xc000_0000, bad_and_full),
+            (Variant::Axia, 0x0001_0000, warning),
+            (Variant::Axia, 0x1000_0000, warning),
+            (Variant::Axia, NET_FT_SATURATED, warning),
+            (Variant::OnRobot, 0, good),
+            (Variant::OnRobot, 1, bad),
+            (Variant::OnRobot, u32::MAX, bad),
+        ] {
+            assert_eq!(variant.judge(status), wanted, "{variant:?} {status:#x}");
         }
-        assert_eq!(judge(0x8000_0008), (BAD_STATUS, false));
-        assert_eq!(judge(0x8800_0000), (BAD_STATUS | SATURATED, false));
-        assert_eq!(judge(0xc000_0000), (BAD_STATUS | SATURATED, false));
-        assert_eq!(judge(0x0001_0000), (0, true));
-        assert_eq!(judge(0x1000_0000), (0, true));
-        // the Net F/T's bit for saturation is not Axia's
-        assert_eq!(judge(NET_FT_SATURATED), (0, true));
-    }
-
-    #[test]
-    fn on_robot_knows_healthy_and_not() {
-        assert_eq!(Variant::OnRobot.judge(0), (0, false));
-        assert_eq!(Variant::OnRobot.judge(1), (BAD_STATUS, false));
-        assert_eq!(Variant::OnRobot.judge(u32::MAX), (BAD_STATUS, false));
+        for bit in [0, 1, 2, 5, 29] {
+            assert_eq!(Variant::Axia.judge(1 << bit), bad, "bit {bit}");
+            assert_eq!(Variant::Axia.judge(ERROR | 1 << bit), bad, "bit {bit}");
+        }
     }
 }

@@ -201,7 +201,7 @@ impl StreamingExtractor {
         let filtered = &mut self.chunk[..rows.len()];
         if self.histograms.is_some() {
             if self.position.n_seen == 0 && self.position.first_row == 0 {
-                self.filter.settle(self.extractor.start(), rows);
+                self.filter.set_steady(self.extractor.start(), rows);
             }
             filtered.copy_from_slice(rows);
             self.filter.filter(filtered)?;

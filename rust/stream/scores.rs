@@ -172,14 +172,14 @@ impl MultiBandStream {
         let rows = self.position.taken(rows)?;
         let n_taken = rows.len() / n_axes;
         let passed = ahead.min(n_taken);
-        let kept = &rows[passed * n_axes..];
-        for (row, values) in (passed..).zip(kept.chunks_exact(n_axes)) {
+        let of_window = &rows[passed * n_axes..];
+        for (row, values) in (passed..).zip(of_window.chunks_exact(n_axes)) {
             let mut limits = values.iter().zip(self.multiband.limits());
             if let Some(axis) = limits.position(|(value, limit)| value.abs() > *limit) {
                 return Err(Error::TooLargeRow { row, axis, value: values[axis], limit: TOO_LOUD });
             }
         }
-        self.values[n_seen * n_axes..][..kept.len()].copy_from_slice(kept);
+        self.values[n_seen * n_axes..][..of_window.len()].copy_from_slice(of_window);
         self.position.ahead -= passed;
         self.position.n_seen += n_taken - passed;
         Ok(n_taken)

@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 
 use super::signals::{bits, uniform};
 
-/// One-vs-one, with everything that provisional answers and bounds need.
+/// One-vs-one, with everything that provisional answers need.
 pub fn random_model(n_classes: usize, n_samples: usize, n_axes: usize, spec: FeatureSpec) -> Model {
     let n_raw = if spec.raw { n_samples * n_axes } else { 0 };
     let n_features = n_raw + if spec.hfmh { n_axes * spec.n_bins } else { 0 };

@@ -65,7 +65,7 @@ fn check(file: &[u8]) {
     }
 }
 
-/// Pushes a recording into a stream that is asked for its answer on the way.
+/// Pushes a recording into a stream, and reads its answer on the way.
 fn streamed(stream: &mut StreamingIdentifier, wrench: &[f64], n_axes: usize) -> Result<(), Error> {
     for rows in wrench.chunks(7 * n_axes) {
         stream.push(rows)?;
