@@ -78,7 +78,8 @@ def check(
     """Look recordings over for what would spoil an evaluation; files that cannot be read are named, all others checked.
 
     Rate, jitter, gaps, clipping, stuck axes, outliers, duplicates, and what gives a label away without
-    the forces: the clock and the session; and whether frame, sign, tare and payload are the same. Exit code 0 when there is no error, 3 when there is one, or a file that cannot be read.
+    the forces: the clock and the session; and whether frame, sign, tare and payload are the same.
+    Exit code 0 when there is no error, 3 when there is one, or a file that cannot be read.
 
     Examples:
 
