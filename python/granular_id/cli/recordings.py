@@ -84,18 +84,19 @@ def with_way_out(error: Exception, said: str) -> str:
         path is None or "on_error" in given or not isinstance(error, WayOutError)
     ):  # then converting was refused
         return said
-    ways = [joined(given, way) for way in error.ways if not is_unknown(way)]
+    known = [way for way in error.ways if not is_unknown(way)]
+    options = [way for way in known if PYTHON_ONLY not in way]
     commands = []
-    if first := next((way for way in ways if PYTHON_ONLY not in way), None):
-        words = (shlex.quote(str(path)), shlex.quote(_prepared(path)), command_words(first))
-        others = [way for way in error.ways if not is_unknown(way) and PYTHON_ONLY not in way][1:]
-        also = "".join(f"\nor with {command_words(way)}" for way in others)
-        commands.append(f"granular-id data convert {' '.join(words)}{also}")
-    for way in ways:
+    if options:
+        first = command_words(joined(given, options[0]))
+        also = "".join(f"\nor with {command_words(way)}" for way in options[1:])
+        target = f"{shlex.quote(str(path))} {shlex.quote(_prepared(path))}"
+        commands.append(f"granular-id data convert {target} {first}{also}")
+    for way in known:
         if PYTHON_ONLY in way:
-            options = ", ".join(f"{name}={value!r}" for name, value in way.items())
+            passed = ", ".join(f"{name}={value!r}" for name, value in joined(given, way).items())
             commands.append(
-                _python(f"from granular_id import load; data = load({str(path)!r}, {options})", path)
+                _python(f"from granular_id import load; data = load({str(path)!r}, {passed})", path)
             )
     for part in error.parts:
         if isinstance(part, WayOut) and part.code and RATE not in part.code:

@@ -101,8 +101,9 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     except TableError as error:
         raise _other_names(pandas, head, error, source) from error
     no_samples = _text_rows(columns)
-    kept = [row for row in range(len(next(iter(columns.values()), ()))) if row not in no_samples]
+    kept: Sequence[int] = range(len(next(iter(columns.values()), ())))
     if no_samples:
+        kept = [row for row in kept if row not in no_samples]
         columns = {name: cells[kept] for name, cells in columns.items()}
     if not any(len(cells) for cells in columns.values()):
         raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)

@@ -79,12 +79,11 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
     ending = Path(path).name.lower()
     by_ending = next((known for known in FORMATS if ending.endswith(known.suffixes)), None)
     chosen = by_ending if name is None else next((known for known in FORMATS if known.name == name), None)
-    named = name is not None and chosen is not None and chosen.saves_folder and by_ending in (None, chosen)
-    if (
-        chosen is None
-        or chosen.save is None
-        or not (named or (by_ending is chosen and not chosen.saves_folder))
-    ):
+    if chosen is not None and chosen.saves_folder:
+        fits = name is not None and by_ending in (None, chosen)
+    else:
+        fits = by_ending is chosen
+    if chosen is None or chosen.save is None or not fits:
         asked = "" if name is None else f" as format={name!r}"
         wanted = (
             "wanted a name that ends in .npz, or that of a folder: without an ending of CSV files, with .parquet an "
