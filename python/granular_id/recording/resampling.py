@@ -12,6 +12,7 @@ import numpy as np
 
 from granular_id._checks import FloatArray, WayOutError, argument_error, checked_choice, finite_number
 from granular_id._core import GranularIdError
+from granular_id._parallel import single_threaded_blas
 from granular_id._text import counted, fixed, typed
 from granular_id.recording.recording import Recording, SampleFlag
 from granular_id.recording.report import StepReport, subject
@@ -32,6 +33,8 @@ _Curve = Callable[[Recording, FloatArray], FloatArray]
 """What gives samples of a recording at other times."""
 
 
+# Systems of a hundred equations: a second thread costs ten times what it saves, and changes the last bit.
+@single_threaded_blas()
 def resample_recordings(
     recordings: Sequence[Recording],
     rate_hz: float,
