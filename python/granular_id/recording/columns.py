@@ -389,9 +389,9 @@ def column_names(value: object, argument: str = "wrench") -> tuple[str, ...] | N
     """Return the names of the columns of a table; None for arrays, and for tables whose columns are only numbered."""
     if isinstance(value, (np.ndarray, list, tuple)):
         return None
-    found = getattr(
-        value, "column_names", getattr(value, "columns", None)
-    )  # pyarrow keeps its arrays in columns
+    # pyarrow keeps its arrays in columns
+    columns = getattr(value, "column_names", getattr(value, "columns", None))
+    found = value if isinstance(value, Mapping) else columns
     if isinstance(found, str) or not isinstance(found, Iterable):
         return None
     names = tuple(found)
@@ -403,15 +403,19 @@ def column_names(value: object, argument: str = "wrench") -> tuple[str, ...] | N
     raise TypeError(f"{argument} has a column with the name {other[0]!r:.80}; wanted text")
 
 
+def refuse_table(value: Any, argument: str) -> None:
+    """Refuse a table with named columns where an array is wanted: its columns may be in another order."""
+    if column_names(value, argument) is not None:
+        came = f"is a {type(value).__name__} with named columns; wanted an array, whose columns have an order"
+        raise argument_error(TypeError, argument, f"{came}: pass Dataset.from_frames(...), or .to_numpy()")
+
+
 def refuse_tables(value: Any, argument: str) -> None:
     """Refuse tables with named columns, one or several, and recordings of several shapes, where an array is wanted."""
+    refuse_table(value, argument)
     several = value if isinstance(value, (list, tuple)) else ()
-    for place, one in [(argument, value), *((f"{argument}[{i}]", one) for i, one in enumerate(several))]:
-        if column_names(one, place) is not None:
-            came = (
-                f"is a {type(one).__name__} with named columns; wanted an array, whose columns have an order"
-            )
-            raise argument_error(TypeError, place, f"{came}: pass Dataset.from_frames(...), or .to_numpy()")
+    for i, one in enumerate(several):
+        refuse_table(one, f"{argument}[{i}]")
     if several or (isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1):
         _refuse_ragged(value, argument)
 

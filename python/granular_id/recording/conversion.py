@@ -161,7 +161,8 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
         cells[table.clock], asked = np.asarray(table.stamps), ((TIME, table.clock), *asked)
         if table.stamps.shape != (n_samples,):
             raise TableError(f"{table.clock} has the shape {table.stamps.shape} for {n_samples} samples")
-    called = dict(columns_of(tuple(cells), asked_axes, asked))
+    found = columns_of(tuple(cells), asked_axes, asked)
+    called = {what: name for what, name in found.items() if what not in own}
     axes = asked_axes or AXES
     if RECORDING in called and RECORDING not in dict(asked) and _numbers_rows(cells[called[RECORDING]]):
         del called[RECORDING]
@@ -206,8 +207,8 @@ def _notes_on(cells: Mapping[str, NDArray[Any]], called: Mapping[str, str], tabl
 
 
 def _numbers_rows(values: NDArray[Any]) -> bool:
-    """Return True if a column counts 0, 1, 2 ...: it numbers samples, not recordings."""
-    return values.dtype.kind in "iu" and len(values) > 1 and bool((np.diff(values) == 1).all())
+    """Return True if no value of a column occurs again: it numbers samples, not recordings."""
+    return len(values) > 1 and len(set(values.tolist())) == len(values)
 
 
 def _named_cells(

@@ -16,6 +16,7 @@ from granular_id.recording.columns import (
     TableError,
     cell_text,
     column_names,
+    refuse_table,
     unit_spelling,
     units_by_axis,
 )
@@ -64,8 +65,11 @@ def recordings_of_frames(
     time_unit: str | None,
 ) -> tuple[list[Recording], StepReport]:
     """Make the recordings of tables; see :meth:`Dataset.from_frames`, which calls this."""
-    one = column_names(frames, "frames") is not None or isinstance(frames, Mapping)
-    every = [frames] if one else _listed(frames, "frames", "a table, or a list of tables")
+    one = column_names(frames, "frames") is not None or hasattr(frames, "columns")  # which may be numbers
+    if isinstance(frames, Mapping) and any(column_names(table) is not None for table in frames.values()):
+        wanted = "a list of them: list(frames.values()), with labels=list(frames) where these are the labels"
+        raise argument_error(TypeError, "frames", f"is a dict of tables; wanted {wanted}")
+    every = [frames] if one else _items(frames, "frames", "a table, or a list of tables")
     known, days, called = (_texts(given, what, len(every)) for what, given in of_tables.items())
     if time_unit is not None:
         checked_choice("time_unit", time_unit, *get_args(TimeUnit))
@@ -99,10 +103,10 @@ def recordings_of_frames(
 
 def columns_in(frame: Any, argument: str = "frame") -> dict[str, NDArray[Any]]:
     """Return the columns of a table by name; the index of pandas comes first where it is a clock or has a name."""
-    names = tuple(frame) if isinstance(frame, Mapping) else column_names(frame, argument)
+    names = column_names(frame, argument)
     if names is None:
         raise argument_error(
-            TypeError, argument, f"is {type(frame).__name__}; wanted a table with named columns"
+            TypeError, argument, f"is a {type(frame).__name__}; wanted a table with named columns"
         )
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
@@ -118,33 +122,40 @@ def columns_in(frame: Any, argument: str = "frame") -> dict[str, NDArray[Any]]:
     columns |= {name: _plain(index.get_level_values(name)) for name in levels if isinstance(name, str)}
     for name in names:
         columns[name] = _plain(frame[name])
+    rows = next(iter(columns.values())).shape[:1]
+    for name, cells in columns.items():
+        if cells.shape != rows or cells.ndim != 1:
+            problem = (
+                f": column {name!r} has the shape {cells.shape}; wanted {rows or '(rows,)'}, a value a row"
+            )
+            raise argument_error(GranularIdError, argument, problem)
+    if rows == (0,):
+        raise argument_error(GranularIdError, argument, "has no rows; wanted a row a sample")
     return columns
 
 
 def _plain(column: Any) -> NDArray[Any]:
-    """Return a column as an array; dates with a zone as those of UTC."""
+    """Return a column as an array, empty cells of pandas as None, and dates with a zone as those of UTC."""
     dtype = getattr(column, "dtype", None)
     if getattr(dtype, "tz", None) is not None:
         return np.asarray(column.to_numpy(dtype="datetime64[ns]"))
-    values = column.to_numpy() if hasattr(column, "to_numpy") else np.asarray(column)
-    return np.asarray(values)
+    values = np.asarray(column.to_numpy() if hasattr(column, "to_numpy") else column)
+    return (
+        np.where(column.isna(), None, values)
+        if values.dtype == object and hasattr(column, "isna")
+        else values
+    )
 
 
 def names_in(argument: str, value: object, *, empty: bool = False) -> tuple[str, ...] | None:
     """Return names that come as a sequence, or as one text with commas between them."""
     if value is None:
         return None
-    if isinstance(value, str):
-        value = [name.strip() for name in value.split(",")]
-    if not isinstance(value, Iterable):
-        raise argument_error(TypeError, argument, f"must be texts, got {type(value).__name__}")
+    names = [name.strip() for name in value.split(",")] if isinstance(value, str) else value
     found = tuple(
-        checked_text(name, f"{argument}[{i}]", empty=empty, spaced=False) for i, name in enumerate(value)
+        checked_text(name, f"{argument}[{i}]", empty=empty, spaced=False)
+        for i, name in enumerate(_items(names, argument, "a sequence of names, or a text like 'wx,wy,wz'"))
     )
-    if not found:
-        raise argument_error(
-            GranularIdError, argument, "is empty; leave it out, or give names like 'wx,wy,wz'"
-        )
     if not empty and len(set(found)) < len(found):
         raise argument_error(GranularIdError, argument, f"={','.join(found)!r} names one twice")
     return tuple(unit_spelling(unit) for unit in found) if argument == "units" else found
@@ -152,6 +163,7 @@ def names_in(argument: str, value: object, *, empty: bool = False) -> tuple[str,
 
 def _arrays(X: Any) -> list[NDArray[np.float64]]:
     """Return one read-only array (T, C) a recording."""
+    refuse_table(X, "X")
     if isinstance(X, np.ndarray) and X.dtype != object:
         block = as_floats(X, "X", f"a real array of shape {_ARRAYS}")
         if block.ndim != 3 or not block.size:
@@ -159,10 +171,10 @@ def _arrays(X: Any) -> list[NDArray[np.float64]]:
         block = block.copy() if block.flags.writeable else block
         block.flags.writeable = False
         return list(block)
-    found = [
-        as_floats(one, f"X[{i}]", "a real array of shape (T, C)")
-        for i, one in enumerate(_listed(X, "X", _ARRAYS))
-    ]
+    found = []
+    for i, one in enumerate(_items(X, "X", _ARRAYS)):
+        refuse_table(one, f"X[{i}]")
+        found.append(as_floats(one, f"X[{i}]", "a real array of shape (T, C)"))
     for i, one in enumerate(found):
         if one.ndim != 2 or not one.size or one.shape[1] != found[0].shape[-1]:
             others = "" if i == 0 else f", and X[0] {found[0].shape}"
@@ -172,9 +184,10 @@ def _arrays(X: Any) -> list[NDArray[np.float64]]:
     return found
 
 
-def _listed(value: Any, argument: str, wanted: str) -> list[Any]:
-    if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable):
-        raise argument_error(TypeError, argument, f"is {type(value).__name__}; wanted {wanted}")
+def _items(value: Any, argument: str, wanted: str) -> list[Any]:
+    """Return the items of a sequence, or refuse what has none, or has them in no order."""
+    if isinstance(value, (str, bytes, Mapping, set, frozenset)) or not isinstance(value, Iterable):
+        raise argument_error(TypeError, argument, f"is a {type(value).__name__}; wanted {wanted}")
     every = list(value)
     if not every:
         raise argument_error(GranularIdError, argument, f"is empty; wanted {wanted}")
@@ -185,9 +198,9 @@ def _texts(values: Any, argument: str, n: int) -> list[str | None]:
     """Return a text for each of n recordings: of texts, numbers or None."""
     if values is None:
         return [None] * n
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        values = [values]
-    every = [value.item() if isinstance(value, np.generic) else value for value in values]
+    one = isinstance(values, str) or not isinstance(values, Iterable)
+    given = [values] if one else _items(values, argument, "a sequence of texts or numbers, one a recording")
+    every = [value.item() if isinstance(value, np.generic) else value for value in given]
     if len(every) != n:
         raise argument_error(GranularIdError, argument, f"has {len(every)} values for {counted(n)}")
     for i, value in enumerate(every):

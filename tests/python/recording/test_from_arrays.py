@@ -59,10 +59,16 @@ def test_from_arrays_empty_rows_are_padding_or_a_gap():
         ({"X": X[0]}, "X has shape"),
         ({"X": [X[0], X[1][:, :5]]}, r"X\[1\] has shape"),
         ({"X": []}, "X is empty"),
-        ({"X": "rice"}, "X is str"),
+        ({"X": "rice"}, "X is a str"),
         ({"X": X.astype(str)}, "X has dtype"),
         ({"X": X[:, :, :4]}, "axes names none"),
+        ({"X": [frame()[[*AXES[::-1]]]]}, r"X\[0\] is a DataFrame with named columns; .*from_frames"),
+        ({"X": frame()}, "X is a DataFrame with named columns"),
         ({"y": Y[:3]}, "y has 3 values for 4 recordings"),
+        ({"y": {*"abcd"}}, "y is a set; wanted a sequence"),  # in no order
+        ({"y": dict.fromkeys(range(4), "rice")}, "y is a dict; wanted a sequence"),
+        ({"axes": {*AXES}}, "axes is a set; wanted a sequence"),
+        ({"units": {"fx": "N"}}, "units is a dict; wanted a sequence"),
         ({"sessions": [1, 2, 3, [4]]}, r"sessions\[3\]"),
         ({"rate_hz": None}, "rate_hz is missing"),
         ({"rate_hz": -1}, "rate_hz must be positive"),
@@ -186,7 +192,13 @@ def test_identical_rows_with_one_stamp_are_merged():
             {"session": "day", "sessions": ["b"]},
             "session names a column, and sessions",
         ),
-        (pd.DataFrame(X[0]), {"rate_hz": 1}, "frames is DataFrame|must be|wanted"),
+        (pd.DataFrame(X[0]), {"rate_hz": 1}, "frames is a DataFrame; wanted a table"),
+        (frame(time=T)[:0], {}, "frames has no rows"),
+        ({**frame(time=T), "fx": X[0]}, {}, r"column 'fx' has the shape \(50, 6\); wanted \(50,\)"),
+        ({"time": T, **frame(), "ty": T[:9]}, {}, r"column 'ty' has the shape \(9,\); wanted \(50,\)"),
+        ({"time": T, **frame(), "label": "rice"}, {}, r"column 'label' has the shape \(\); wanted"),
+        ({"time": T, **frame(), 3: T}, {}, "frames has a column with the name 3"),
+        ({"rice": frame(time=T)}, {}, r"frames is a dict of tables; .* list\(frames.values\(\)\)"),
     ],
 )
 def test_from_frames_bad_table_is_refused_by_place(given, keywords, named):
@@ -202,10 +214,23 @@ def test_from_frames_label_of_several_columns_is_chosen():
         assert Dataset.from_frames(given, label=label).labels == ("rice",)
 
 
-def test_columns_that_are_not_of_a_recording_are_left_out():
+@pytest.mark.parametrize("rows", [np.arange(50), np.arange(50.0, 0, -1), [f"row {i}" for i in range(50)]])
+def test_columns_that_are_not_of_a_recording_are_left_out(rows):
     """Names that only look like axes with a unit, flags of others, numbers of rows."""
-    given = frame(time=T, fz_min=0.0, flags=1, id=np.arange(50), datum=datetime.date(2025, 1, 1))
+    given = frame(time=T, fz_min=0.0, flags=1, id=rows, datum=datetime.date(2025, 1, 1))
     data = Dataset.from_frames(given, ["rice"])
     assert np.array_equal(data[0].wrench, X[0])
     assert data[0].flags is None
     assert "'fz_min', 'flags', 'id', 'datum'" in " ".join(data.history[-1].notes)
+
+
+def test_from_frames_labels_given_win_over_a_column():
+    tables = [frame(x, time=T, label="peas", session="1") for x in X[:2]]
+    data = Dataset.from_frames(tables, ["rice", None], sessions=[2, None])
+    assert ([r.label for r in data], data.sessions.tolist()) == (["rice", "peas"], ["2", "1"])
+    assert "columns that are not read: 'label', 'session'" in data.history[-1].notes
+
+
+def test_from_frames_cells_that_pandas_calls_empty_are_none():
+    given = frame(time=T, label=pd.array([pd.NA] * 50, dtype="string"))
+    assert Dataset.from_frames(given)[0].label is None
