@@ -143,22 +143,20 @@ def condition_of(data: Dataset, condition: Any) -> tuple[str, NDArray[np.object_
         raise argument_error(TypeError, "by", f"must be the name of a condition, got {condition!r:.60}")
     known = conditions_in(data)
     ends = [name for name in known if name.rpartition(".")[2] == condition]
-    name = condition if condition in known else ends[0] if len(ends) == 1 else None
-    if name is None:
-        reason = (
-            "the labels are what is told apart"
-            if condition == "label"
-            else (f"no recording states it (a column {condition!r} of index.csv, or an entry of meta)")
-        )
-        if any(condition in recording.meta for recording in data):
-            within = [name for name in known if name.startswith(f"{condition}.")]
-            reason = "it is no single value" + f": take one within it, such as {within[0]!r}" * bool(within)
-        if ends:
-            reason = f"it is several things: {', '.join(ends)}"
-    else:
+    name = ends[0] if len(ends) == 1 and condition not in known else condition
+    if name in known:
         reason = _why_not(data, known[name])
         if not reason:
             return name, known[name]
+    elif ends:
+        reason = f"it is several things: {', '.join(ends)}"
+    elif any(condition in recording.meta for recording in data):
+        within = [name for name in known if name.startswith(f"{condition}.")]
+        reason = "it is no single value" + f": take one within it, such as {within[0]!r}" * bool(within)
+    elif condition == "label":
+        reason = "the labels are what is told apart"
+    else:
+        reason = f"no recording states it (a column {condition!r} of index.csv, or an entry of meta)"
     able = [
         f"{other} ({len(set(values.tolist()))} values)"
         for other, values in known.items()

@@ -55,6 +55,32 @@ def test_sets_without_a_leak_are_left_alone():
         assert not codes(Dataset([random_recording(i, rng) for i in range(36)]).check())
 
 
+def own_tool(r):
+    return {"tool": f"tool {SLOT[r.label]}", "speed_m_s": 0.03}
+
+
+@pytest.mark.parametrize(
+    ("meta", "names"),
+    [
+        (own_tool, ["tool"]),
+        (
+            lambda r: {"lab": {"person": f"person {SLOT[r.label]}"}, "source": own_tool(r)},
+            ["tool", "lab.person"],
+        ),
+        (lambda r: {"speed_m_s": 0.03 + SLOT[r.label]}, ["motion"]),
+        (lambda r: {"material": r.label.upper(), "grain_mm": SLOT[r.label]}, []),
+        (lambda r: {"tool": f"tool {SLOT[r.label] // 2}"}, []),  # two labels share one
+        (lambda r: {"tool": f"tool {SLOT[r.label]}, {r.session}"}, []),  # a label has several
+        (lambda r: own_tool(r) if r.label != "rice" else {}, []),
+    ],
+)
+def test_check_what_each_label_has_of_its_own_is_named(meta, names):
+    report = damaged(sound_set(), WHOLE, meta=meta).check()
+    assert codes(report) == ({"setup-is-label"} if names else set())
+    if names:
+        assert by_code(report)["setup-is-label"].values["names"] == tuple(names)
+
+
 # The statistics.
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from granular_id._checks import FloatArray
 from granular_id.recording.checks.measured import FALSE_ALARM_RATE, Measured
 from granular_id.recording.checks.report import Finding
-from granular_id.recording.steps import recordings_cut
 
 FEWEST = 10  # fewer recordings say nothing: a leak of two labels would not stand out from chance
 STRONG = 0.2  # a leak warns when it names this part of the labels that chance leaves open
@@ -24,10 +23,7 @@ _WHY = {
 
 def check_leaks(data: Measured) -> Iterator[Finding]:
     """Find out if session or clock name the label: of the recording that is nearest in it, against shuffled labels."""
-    # Windows of one recording are no witnesses of each other: its first one stands for them.
-    first = set(np.unique(recordings_cut(data.recordings), return_index=True)[1].tolist())
-    groups = [first.intersection(group) for group in data.labels.values()]
-    places = sorted(i for group in groups if len(group) > 1 for i in group)
+    places = sorted(i for group in data.witnesses.values() for i in group)
     if len(data.labels) > 1 and len(places) < FEWEST:
         few = f"fewer than {FEWEST} recordings whose label has others"
         yield data.finding("info", "few", f"{few}: whether clock or session give labels away is not judged")

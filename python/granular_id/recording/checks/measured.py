@@ -12,6 +12,7 @@ from granular_id._checks import FloatArray
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.clock import MAX_GAP_S
 from granular_id.recording.recording import Recording, places_of
+from granular_id.recording.steps import recordings_cut
 
 FALSE_ALARM_RATE = 0.01
 """Chance that a statistical check speaks up in a sound data set."""
@@ -28,6 +29,13 @@ class Measured:
         """Places of the recordings of each label, labels in order of first appearance."""
         places = places_of(r.label for r in self.recordings)
         return {label: group for label, group in places.items() if label is not None}
+
+    @cached_property
+    def witnesses(self) -> dict[str, list[int]]:
+        """Places of the recordings of each label with several; of windows, which are no two, the first of each."""
+        first = set(np.unique(recordings_cut(self.recordings), return_index=True)[1].tolist())
+        groups = {label: sorted(first.intersection(group)) for label, group in self.labels.items()}
+        return {label: group for label, group in groups.items() if len(group) > 1}
 
     @cached_property
     def paces(self) -> list[Pace]:

@@ -17,6 +17,7 @@ CHECKS: tuple[Callable[[Measured], Iterator[Finding]], ...] = (
     stated.check_axes,
     copies.check_duplicates,
     stated.check_sessions,
+    stated.check_setups,
     leaks.check_leaks,
     stated.check_rates,
     stated.check_gaps,

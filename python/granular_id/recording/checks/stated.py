@@ -11,8 +11,9 @@ from granular_id._text import counted, listed
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.clock import MAX_GAP_S
-from granular_id.recording.recording import SampleFlag, places_of
+from granular_id.recording.recording import Recording, SampleFlag, places_of, single_values
 from granular_id.recording.report import subject
+from granular_id.recording.setup import Setup
 
 SLOWEST_RATE_HZ = 1.0  # below it the stamps are rather in milliseconds than in seconds
 # Steps may spread (90 % less 10 % quantile) by this part of their median before it counts as jitter.
@@ -35,7 +36,7 @@ def check_labels(data: Measured) -> Iterator[Finding]:
     if len(data.labels) == 1:
         only = next(iter(data.labels))
         yield data.finding("error", "one-label", f"all recordings are {only!r}: nothing to tell apart")
-    alike = places_of(re.sub(r"[\s_-]+", " ", label).strip().casefold() for label in data.labels)
+    alike = places_of(map(_plain, data.labels))
     for same in (group for group in alike.values() if len(group) > 1):
         names = listed([repr(list(data.labels)[place]) for place in same])
         message = f"{names} differ by case, blanks, hyphens or underscores only: name one material alike"
@@ -44,6 +45,10 @@ def check_labels(data: Measured) -> Iterator[Finding]:
     if single and len(data.labels) > 1:
         message = f"{counted(len(single), 'label')} with one recording only: nothing is left to test with"
         yield data.finding("warning", "single", message, single)
+
+
+def _plain(label: str) -> str:
+    return re.sub(r"[\s_-]+", " ", label).strip().casefold()
 
 
 def check_axes(data: Measured) -> Iterator[Finding]:
@@ -76,6 +81,36 @@ def check_sessions(data: Measured) -> Iterator[Finding]:
             "classifier learns may be the session, and no evaluation can tell"
         )
         yield data.finding("warning", "session-is-label", message, labels=data.labels_of_one_session)
+
+
+def check_setups(data: Measured) -> Iterator[Finding]:
+    """Find what each label has of its own: a tool or another part of the set-up, a person or another text in `meta`."""
+    stated = {i: _setup_of(data.recordings[i]) for group in data.witnesses.values() for i in group}
+    of_labels = {}
+    for name in next(iter(stated.values()), {}):
+        values = {
+            label: {stated[i].get(name) for i in group}.pop()
+            for label, group in data.witnesses.items()
+            if len({stated[i].get(name) for i in group}) == 1
+        }
+        one_each = len(set(values.values()) - {None}) == len(data.witnesses) > 1
+        if one_each and any(_plain(str(value)) != _plain(label) for label, value in values.items()):
+            of_labels[name] = values
+    if of_labels:
+        name, values = next(iter(of_labels.items()))
+        examples = ", ".join(f"{value!r:.30} with {label}" for label, value in [*values.items()][:2])
+        message = (
+            f"each label has its own {listed([*of_labels])} ({name}: {examples}): what a classifier learns may be "
+            "that, and no evaluation can tell; record each label with all of them"
+        )
+        yield data.finding("warning", "setup-is-label", message, names=[*of_labels])
+
+
+def _setup_of(recording: Recording) -> dict[str, str | None]:
+    """Return the set-up and the texts in the metadata; numbers there describe as a rule the material, as its grain."""
+    found = dict(vars(Setup.of(recording.meta)))
+    texts = {path: value for path, value in single_values(recording.meta) if isinstance(value, str)}
+    return found | {path: text for path, text in texts.items() if path.rpartition(".")[2] not in found}
 
 
 def check_rates(data: Measured) -> Iterator[Finding]:
