@@ -140,11 +140,10 @@ def _plain(column: Any) -> NDArray[Any]:
     if getattr(dtype, "tz", None) is not None:
         return np.asarray(column.to_numpy(dtype="datetime64[ns]"))
     values = np.asarray(column.to_numpy() if hasattr(column, "to_numpy") else column)
-    return (
-        np.where(column.isna(), None, values)
-        if values.dtype == object and hasattr(column, "isna")
-        else values
-    )
+    if values.dtype == object and hasattr(column, "isna"):
+        values = values.copy()
+        values[np.asarray(column.isna())] = None
+    return values
 
 
 def names_in(argument: str, value: object, *, empty: bool = False) -> tuple[str, ...] | None:

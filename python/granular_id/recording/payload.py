@@ -295,13 +295,20 @@ def _directions(gravity: ArrayLike) -> FloatArray:
 def _stated_gravity(recordings: Sequence[Recording]) -> list[Any]:
     """Return where gravity points by the metadata of each recording."""
     found = []
-    for meta in (recording.meta for recording in recordings):
-        apart = [meta.get(name) for name in GRAVITY]
-        found.append(meta.get("gravity") if None in apart else [float(str(value)) for value in apart])
-    without = [r.name for r, down in zip(recordings, found, strict=True) if down is None]
-    if without:
-        problem = f"must be given, as the metadata of {without[0]!r} have no gravity and no gx, gy, gz"
-        raise argument_error(GranularIdError, "gravity", problem)
+    for recording in recordings:
+        down, apart = recording.meta.get("gravity"), [recording.meta.get(name) for name in GRAVITY]
+        if None not in apart:  # as of columns of index.csv, which are texts
+            try:
+                down = [float(str(value)) for value in apart]
+            except ValueError:
+                came = f"of {recording.name!r} is {', '.join(map(repr, apart)):.60} by its metadata"
+                raise argument_error(GranularIdError, "gravity", f"{came}; wanted three numbers") from None
+        if down is None:
+            problem = (
+                f"must be given, as the metadata of {recording.name!r} have no gravity and no gx, gy, gz"
+            )
+            raise argument_error(GranularIdError, "gravity", problem)
+        found.append(down)
     return found
 
 
@@ -314,8 +321,8 @@ def compensate_recordings(
     if gravity is None:
         each: list[Any] = _stated_gravity(recordings)
     else:
-        one = np.isscalar(gravity) or all(np.ndim(part) == 0 for part in gravity)  # type: ignore[union-attr]
-        each = [gravity] * len(recordings) if one else list(gravity)  # type: ignore[arg-type]
+        several = isinstance(gravity, Iterable) and any(np.ndim(part) > 0 for part in gravity)
+        each = list(gravity) if several else [gravity] * len(recordings)  # type: ignore[arg-type]
     if len(each) != len(recordings):
         problem = f"has {len(each)} entries for {counted(len(recordings))}; wanted one direction, or one a recording"
         raise argument_error(GranularIdError, "gravity", problem)

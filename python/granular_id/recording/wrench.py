@@ -121,7 +121,7 @@ def _turned(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
 
 def _signs(flip: Sequence[str]) -> FloatArray:
     """Return -1 for each axis of a wrench that is flipped, else 1."""
-    if isinstance(flip, str) or not isinstance(flip, Sequence) or not {*flip} <= {*AXES}:
+    if isinstance(flip, str) or not isinstance(flip, Sequence) or any(axis not in AXES for axis in flip):
         problem = f"={flip!r}; wanted a sequence of axes such as ('fx', 'tx'), of {' '.join(AXES)}"
         raise argument_error(GranularIdError, "flip", problem)
     return np.array([-1.0 if axis in flip else 1.0 for axis in AXES])

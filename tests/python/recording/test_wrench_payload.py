@@ -102,6 +102,11 @@ def changed(rests, **meta):
         (lambda rests: rests, DOWN[:, :2], "gravity has shape"),
         (lambda rests: rests.X, None, r"rests\[0\] is a ndarray; wanted Recording"),
         (lambda rests: [replace(r, meta={}) for r in rests], None, "gravity must be given, as .* 'rest_00'"),
+        (
+            lambda rests: [replace(r, meta=dict.fromkeys(("gx", "gy", "gz"), "down")) for r in rests],
+            None,
+            "gravity of 'rest_00' is 'down', 'down', 'down' by its metadata; wanted three numbers",
+        ),
         (lambda rests: changed(rests, compensated=True), None, "take rests as the sensor reads them"),
         (lambda rests: changed(rests, tare="rest"), None, "take rests as the sensor reads them"),
         (lambda rests: [*changed(rests[:3], sign="0"), *rests[3:]], None, "rests are of several signs: '0'"),
@@ -203,7 +208,7 @@ def test_compensated_then_transformed_is_the_unloaded_wrench():
     np.testing.assert_allclose(freed.X, data.X, atol=1e-11)
 
 
-@pytest.mark.parametrize("gravity", [[[0, 0, 1]] * 2, [np.zeros((4, 3)) + 1], "down", 3, None])
+@pytest.mark.parametrize("gravity", [[[0, 0, 1]] * 2, [np.zeros((4, 3)) + 1], "down", 3, object(), None])
 def test_refused_gravity(gravity):
     with pytest.raises((ValueError, TypeError), match="gravity"):
         Dataset([push()]).compensate(TRUE, gravity)
