@@ -19,6 +19,7 @@ import numpy.typing as npt
 from granular_id._checks import FloatArray, WayOutError, argument_error, parts_of
 from granular_id._core import AXES, GranularIdError
 from granular_id._text import alternatives, in_both
+from granular_id.recording.report import first_names
 
 _INCH_M = 0.0254
 _POUND_N = 4.4482216152605
@@ -300,8 +301,8 @@ def _column_of(axis: str, names: Sequence[str], *, is_named: bool) -> str:
     raise TableError(problem, no_wrench=not some)
 
 
-def _listed(names: Sequence[str], most: int = 20) -> str:
-    return ", ".join(name[:40] for name in names[:most]) + (", ..." if len(names) > most else "")
+def _listed(names: Sequence[str]) -> str:
+    return first_names([name[:40] for name in names], 20)
 
 
 def numbers_of(

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from granular_id._checks import FloatArray, items_of
 from granular_id._core import GranularIdError
 from granular_id._text import counted
-from granular_id.recording.checks import CheckReport
+from granular_id.recording.checks import CheckReport, check_recordings
 from granular_id.recording.clock import MAX_GAP_S
 from granular_id.recording.frames import TimeUnit, recordings_of_arrays, recordings_of_frames
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onsets
@@ -657,9 +657,6 @@ class Dataset:
             A sequence of findings, worst first, with ``.states`` of recordings and ``.worst``; empty when
             nothing was found.
         """
-        # slow to import, and few programs look their recordings over
-        from granular_id.recording.checks.run import check_recordings
-
         return check_recordings(self.recordings)
 
     def __add__(self, other: Dataset) -> Dataset:

@@ -128,9 +128,9 @@ def first_names(names: Sequence[str], most: int = 3) -> str:
     return ", ".join(names[:most]) + (", ..." if len(names) > most else "")
 
 
-def span(low: float, high: float, digits: int = 6) -> str:
+def span(low: float, high: float) -> str:
     """Return the least and the largest of some numbers in one text."""
-    return " to ".join(dict.fromkeys(f"{number:.{digits}g}" for number in (low, high)))
+    return " to ".join(dict.fromkeys(f"{number:.6g}" for number in (low, high)))
 
 
 def subject(n_recordings: int, singular: str = "has", plural: str = "have") -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterator
 
 import numpy as np
@@ -39,7 +40,8 @@ def check_labels(data: Measured) -> Iterator[Finding]:
     alike = places_of(map(_plain, data.labels))
     for same in (group for group in alike.values() if len(group) > 1):
         names = listed([repr(list(data.labels)[place]) for place in same])
-        message = f"{names} differ by case, blanks, hyphens or underscores only: name one material alike"
+        only = "case, blanks, hyphens, underscores or codes of accents only"
+        message = f"{names} differ by {only}: name one material alike"
         yield data.finding("warning", "labels-alike", message)
     single = [group[0] for group in data.labels.values() if len(group) == 1]
     if single and len(data.labels) > 1:
@@ -48,7 +50,8 @@ def check_labels(data: Measured) -> Iterator[Finding]:
 
 
 def _plain(label: str) -> str:
-    return re.sub(r"[\s_-]+", " ", label).strip().casefold()
+    """Return a label as people read it: an umlaut is one letter or two, as names of files on a Mac have it."""
+    return re.sub(r"[\s_-]+", " ", unicodedata.normalize("NFKC", label)).strip().casefold()
 
 
 def check_axes(data: Measured) -> Iterator[Finding]:
@@ -140,9 +143,8 @@ def check_gaps(data: Measured) -> Iterator[Finding]:
         )
         long = sum(gap > MAX_GAP_S for gap in gaps.values())
         if long:
-            message += (
-                f"; {long} above {MAX_GAP_S:g} s, which resampling refuses: split them (--split-gap-s 1)"
-            )
+            split = f"split them (--split-gap-s {MAX_GAP_S:g})"
+            message += f"; {long} above {MAX_GAP_S:g} s, which resampling refuses: {split}"
         yield data.finding("warning", "gaps", message, gaps, longest_s=gaps[worst])
 
 
