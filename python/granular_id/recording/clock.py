@@ -66,8 +66,8 @@ class Stamps:
     resolution_s: float  # by which rounding may have moved each
 
 
-def stamps_of(values: NDArray[Any], unit: str | None, asked: str | None, rate_hz: float | None) -> Stamps:
-    """Turn numbers, dates, times or texts of these into seconds: they count `unit`, by the file, or what is `asked`."""
+def stamps_of(values: NDArray[Any], unit: str | None, stated: str | None, rate_hz: float | None) -> Stamps:
+    """Turn numbers, dates, times or texts of these into seconds: they count `unit`, by the file, or `stated`."""
     if values.dtype.kind in "OUT":
         values = _from_text(values)
     kind = values.dtype.kind
@@ -81,7 +81,7 @@ def stamps_of(values: NDArray[Any], unit: str | None, asked: str | None, rate_hz
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         raise TableError((f"the stamp is {values[bad[0]]}", *_IGNORED_OUT), int(bad[0]))
-    scale = 1.0 if unit is None and asked is None else _per_second(unit, asked, rate_hz)
+    scale = 1.0 if unit is None and stated is None else _per_second(unit, stated, rate_hz)
     if kind in "iu" and scale != 1:
         ticks = values.astype(np.int64)
         return Stamps((ticks - ticks[0]) / scale, float(ticks[0]) / scale, 0.0)
@@ -97,18 +97,18 @@ def stamps_of(values: NDArray[Any], unit: str | None, asked: str | None, rate_hz
     return Stamps(time_s, float(stamps[0]), float(np.spacing(np.abs(stamps).max())))
 
 
-def _per_second(unit: str | None, asked: str | None, rate_hz: float | None) -> float:
+def _per_second(unit: str | None, stated: str | None, rate_hz: float | None) -> float:
     """Return how many of what is counted make a second."""
-    if asked == "sample":
+    if stated == "sample":
         if unit is not None or rate_hz is None:
             came = "no rate is stated" if rate_hz is None else f"the file says that its stamps are in {unit}"
             raise TableError(f"time_unit='sample', but {came}")
         return rate_hz
-    scales = [None if one is None else factor(one, "s") for one in (unit, asked)]
+    scales = [None if one is None else factor(one, "s") for one in (unit, stated)]
     if unit is not None and scales[0] is None:
         raise TableError(f"stamps are in {unit!r:.40}; wanted {TAKEN['s']}")
     if None not in scales and scales[0] != scales[1]:
-        raise TableError(f"time_unit={asked!r}, but the file says that its stamps are in {unit}")
+        raise TableError(f"time_unit={stated!r}, but the file says that its stamps are in {unit}")
     return float(round(1 / next(scale for scale in scales if scale is not None)))
 
 
@@ -170,7 +170,7 @@ def has_date(values: NDArray[Any]) -> bool:
 
 @dataclass(frozen=True)
 class Order:
-    """Rows of samples as they are kept: which, those that were moved, and how many were merged into others."""
+    """Rows of samples that stay: which, those that were moved, and how many were merged into others."""
 
     rows: NDArray[np.intp]
     touched: NDArray[np.bool_]

@@ -1,7 +1,7 @@
 """Columns: what their names and units mean, and tables with named columns as samples.
 
 Case, blanks, ``_ . / -`` between the words and ``field.`` or a topic before ``wrench`` do not matter, and a unit may
-follow: ``Fx [N]``, ``tx (Nm)``, ``time_ms``. All other columns are left out, and said. Axes of other sensors are those
+follow: ``Fx [N]``, ``tx (Nm)``, ``time_ms``. All other columns are left out, and noted. Axes of other sensors are those
 that somebody names; nothing is guessed of them. Tables are of pandas, polars or pyarrow, none of which is needed.
 """
 
@@ -235,14 +235,14 @@ def cell_text(value: Any) -> str:
 def columns_of(
     names: tuple[str, ...],
     axes: tuple[str, ...] | None = None,
-    asked: tuple[tuple[str, str], ...] = (),
+    named: tuple[tuple[str, str], ...] = (),
 ) -> Mapping[str, str]:
-    """Find columns: by axis (default fx fy fz tx ty tz), and by `ABOUT` and `NANOSECONDS`; `asked` are named ones."""
+    """Find columns: by axis (default fx fy fz tx ty tz), and by `ABOUT` and `NANOSECONDS`; `named` are named ones."""
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
         raise TableError(f"column {twice!r:.60} occurs twice")
     found = {axis: _column_of(axis, names, is_named=axes is not None) for axis in axes or AXES}
-    for what, name in asked:
+    for what, name in named:
         if name not in names:
             raise TableError(f"{what}={name!r:.60} is no column of it; there are {_listed(names)}")
         if name in found.values():

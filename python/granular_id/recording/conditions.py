@@ -77,8 +77,8 @@ SEVERE_PREFIXES = ("error: ", "warning: ")
 def data_warnings(data: Dataset, findings: Iterable[Finding] | None = None) -> list[str]:
     """Return what may mislead a reader of the accuracies: set-ups that differ, errors and warnings of the checks."""
     made = data.check() if findings is None else findings
-    told = [str(finding) for finding in made if finding.severity != "info"]
-    return mixed_setup_warnings(data) + told
+    found = [str(finding) for finding in made if finding.severity != "info"]
+    return mixed_setup_warnings(data) + found
 
 
 def labelled_check_note(note: str) -> str:

@@ -152,19 +152,19 @@ class Picked:
 def picked_columns(table: Table, stated: Stated) -> Picked:
     """Choose the columns that are read, and settle axes and units."""
     own = {what for what in (LABEL, SESSION) if getattr(table, what) is not None}
-    asked = tuple((what, name) for what, name in stated.columns if what not in own)
-    cells, asked_axes = dict(table.columns), stated.axes
+    named = tuple((what, name) for what, name in stated.columns if what not in own)
+    cells, named_axes = dict(table.columns), stated.axes
     if table.values is not None:
-        cells, asked_axes = _named_cells(table.values, table.axes, stated.axes)
+        cells, named_axes = _named_cells(table.values, table.axes, stated.axes)
     n_samples = len(next(iter(cells.values()), ()))
     if table.stamps is not None:
-        cells[table.clock], asked = np.asarray(table.stamps), ((TIME, table.clock), *asked)
+        cells[table.clock], named = np.asarray(table.stamps), ((TIME, table.clock), *named)
         if table.stamps.shape != (n_samples,):
             raise TableError(f"{table.clock} has the shape {table.stamps.shape} for {n_samples} samples")
-    found = columns_of(tuple(cells), asked_axes, asked)
+    found = columns_of(tuple(cells), named_axes, named)
     called = {what: name for what, name in found.items() if what not in own}
-    axes = asked_axes or AXES
-    if RECORDING in called and RECORDING not in dict(asked) and _numbers_rows(cells[called[RECORDING]]):
+    axes = named_axes or AXES
+    if RECORDING in called and RECORDING not in dict(named) and _numbers_rows(cells[called[RECORDING]]):
         del called[RECORDING]
     scales, units, notes = _units_of(axes, called, table, stated)
     columns = {what: cells[name] for what, name in called.items() if what not in axes}
@@ -212,15 +212,15 @@ def _numbers_rows(values: NDArray[Any]) -> bool:
 
 
 def _named_cells(
-    values: NDArray[Any], names: tuple[str, ...] | None, asked: tuple[str, ...] | None
+    values: NDArray[Any], names: tuple[str, ...] | None, wanted: tuple[str, ...] | None
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
     """Return the columns of an array by their names, and its axes; beside the six there may be others, as a clock."""
     if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
         came = f"{values.dtype} of shape {values.shape}"
         raise TableError(f"samples are {came}; wanted numbers of shape (samples, axes)")
-    n, known = values.shape[1], names or asked or AXES
+    n, known = values.shape[1], names or wanted or AXES
     if names is None and len(known) != n:
-        came = "" if asked is None else f", and axes names {len(asked)}"
+        came = "" if wanted is None else f", and axes names {len(wanted)}"
         problem = f"samples have {n} columns without names{came}"
         raise TableError(f"{problem}; pass axes= with a name for each", no_wrench=True)
     try:
@@ -229,31 +229,31 @@ def _named_cells(
     except (TypeError, ValueError) as error:
         raise TableError(str(error)) from error
     has_six = {meaning_of(name).what for name in known} >= set(AXES)
-    if has_six and (asked is None or (names is None and n > len(AXES))):
+    if has_six and (wanted is None or (names is None and n > len(AXES))):
         return cells, AXES
-    return cells, asked or known
+    return cells, wanted or known
 
 
 def _units_of(
     axes: Sequence[str], called: Mapping[str, str], table: Table, stated: Stated
 ) -> tuple[tuple[float, ...] | None, dict[str, str], list[str]]:
     """Return what makes N and N m of each axis (None: they are), units of other axes, and what was converted."""
-    asked = units_by_axis(axes, stated.units) if stated.units else {}
+    wanted = units_by_axis(axes, stated.units) if stated.units else {}
     own: dict[str, str | None] = {}
     scales: list[float] = []
     for axis in axes:
         name = called[axis]
         in_name = meaning_of(name).unit if axis != name.strip() or axis in AXES else None
         places = (in_name, table.units.get(name), table.units.get(axis))
-        said = [unit for unit in places if unit and unit != "-"]
-        other = next((unit for unit in said[1:] if not same_unit(said[0], unit)), None)
+        known = [unit for unit in places if unit and unit != "-"]
+        other = next((unit for unit in known[1:] if not same_unit(known[0], unit)), None)
         if other is not None:
-            problem = f"its unit is {said[0]!r:.40}, and {other!r:.40} is stated beside it"
+            problem = f"its unit is {known[0]!r:.40}, and {other!r:.40} is stated beside it"
             raise TableError(problem, column=name)
-        if said and axis in asked and not same_unit(said[0], asked[axis]):
-            problem = f"its unit is {said[0]!r:.40}, and units= states {asked[axis]!r:.40}; leave it out"
+        if known and axis in wanted and not same_unit(known[0], wanted[axis]):
+            problem = f"its unit is {known[0]!r:.40}, and units= states {wanted[axis]!r:.40}; leave it out"
             raise TableError(problem, column=name)
-        own[axis] = unit = said[0] if said else asked.get(axis)
+        own[axis] = unit = known[0] if known else wanted.get(axis)
         scale = 1.0 if unit is None or axis not in AXES else factor(unit, unit_of(axis))
         if scale is None:
             problem = f"its unit is {unit!r:.40}; wanted {TAKEN[unit_of(axis)]}; convert other values first"
@@ -271,8 +271,10 @@ def _units_of(
     notes = [f"no unit is known of {', '.join(bare)[:200]}: units= states it (--units)"] if bare else []
     if not converted:
         return None, units, notes
-    said_units = ", ".join(dict.fromkeys(f"{unit} to {unit_of(axis)}" for axis, unit in converted.items()))
-    return tuple(scales), units, [*notes, f"converted from {said_units}"]
+    units_converted = ", ".join(
+        dict.fromkeys(f"{unit} to {unit_of(axis)}" for axis, unit in converted.items())
+    )
+    return tuple(scales), units, [*notes, f"converted from {units_converted}"]
 
 
 # The recordings of a table: rows, clock, label, session.
@@ -308,7 +310,7 @@ def _texts_of(values: NDArray[Any]) -> NDArray[np.str_]:
 
 
 class _Part:
-    """The rows of one recording on their way: `rows` says where each kept sample stands in the table."""
+    """The rows of one recording on their way: `rows` says where each sample that stays is in the table."""
 
     def __init__(
         self, table: Table, stated: Stated, picked: Picked, rows: NDArray[np.intp], name: str
@@ -337,12 +339,12 @@ class _Part:
             self._leave_out_empty_rows()
         try:
             stamps = self._stamps(file_hz)
-            rate_hz, time_s, start_time = self._settled(stamps, file_hz)
+            rate_hz, time_s, start_time = self._clock(stamps, file_hz)
         except TableError as error:
             row = None if error.row is None else int(self._rows[error.row])
             parts, mend = error.parts, error.mend.format(clock=self._picked.called.get(TIME))
             if SEVERAL in parts:
-                way, mend = self._told_apart()
+                way, mend = self._ways_apart()
                 parts = (*parts, *way)
             raise TableError(parts, row, self._picked.called.get(TIME), mend=mend) from error
         n, trigger = len(self._wrench), self._trigger
@@ -413,14 +415,14 @@ class _Part:
             except TableError as error:
                 if stated.rate_hz is None or STATE_RATE not in error.parts:
                     raise
-                said = error.problem.partition(";")[0]
-                self.remarks["remark"] = f"the clock was ignored: {rate_hz:g} Hz is stated, and {said}"
+                reason = error.problem.partition(";")[0]
+                self.remarks["remark"] = f"the clock was ignored: {rate_hz:g} Hz is stated, and {reason}"
                 self._columns = {what: cells for what, cells in self._columns.items() if what != TIME}
         if rate_hz is None or self._places is None or (np.diff(self._places) == 1).all():
             return None
         return Stamps((self._places - self._places[0]) / rate_hz, 0.0, 0.0)
 
-    def _settled(
+    def _clock(
         self, stamps: Stamps | None, file_hz: float | None
     ) -> tuple[float | None, FloatArray | None, float | None]:
         """Return rate, stamps (one of the two is None) and when the first sample was taken, since 1970."""
@@ -450,8 +452,8 @@ class _Part:
             stamps = replace(stamps, time_s=in_stretches)
             self.remarks["remark"] = f"the clock was ignored but for its pauses: {stated_hz:g} Hz is stated"
         elif not stated.irregular:
-            said = (stated.rate_hz, file_hz, self._picked.time_unit, stated.time_unit)
-            doubtful = counts and all(one is None for one in said)
+            known = (stated.rate_hz, file_hz, self._picked.time_unit, stated.time_unit)
+            doubtful = counts and all(one is None for one in known)
             rate_hz, remark = rate_of(stamps, stated_hz, file_hz, doubtful=doubtful)
             self.remarks |= {} if remark is None else {"remark": remark}
         first_s = None
@@ -461,7 +463,7 @@ class _Part:
             self.remarks["first_stamp_s"] = stamps.first_s
         return rate_hz, None if rate_hz is not None else stamps.time_s, first_s
 
-    def _told_apart(self) -> tuple[tuple[str, ...], str]:
+    def _ways_apart(self) -> tuple[tuple[str, ...], str]:
         """Return the option that tells recordings apart whose clocks begin anew, or methods that do."""
         clock, label = self._columns[TIME], self._columns.get(LABEL)
         if clock.dtype.kind not in "iuf":

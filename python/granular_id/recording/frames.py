@@ -47,9 +47,9 @@ def recordings_of_arrays(
     columns = checked_axes(known, arrays[0].shape)
     stated = Stated(axes=columns, units=names_in("units", units, empty=True))
     units_by_axis(columns, stated.units)
-    settled: dict[str, Any] = {"axes": columns, "rate_hz": rate}
+    shared: dict[str, Any] = {"axes": columns, "rate_hz": rate}
     tables = [
-        Table(called[i] or f"recording {i + 1}", values=array, label=labels[i], session=days[i], **settled)
+        Table(called[i] or f"recording {i + 1}", values=array, label=labels[i], session=days[i], **shared)
         for i, array in enumerate(arrays)
     ]
     return _made(tables, stated, "X", "from_arrays", {"of": "arrays", "rate_hz": rate})
@@ -73,7 +73,7 @@ def recordings_of_frames(
     known, days, called = (_texts(given, what, len(every)) for what, given in of_tables.items())
     if time_unit is not None:
         checked_choice("time_unit", time_unit, *get_args(TimeUnit))
-    asked = [
+    named = [
         (RECORDING if what == "id" else what, checked_text(name, what).removeprefix("column:"))
         for what, name in columns.items()
         if name is not None
@@ -87,7 +87,7 @@ def recordings_of_frames(
         time_unit=time_unit,
         axes=names_in("axes", axes),
         units=names_in("units", units, empty=True),
-        columns=tuple(asked),
+        columns=tuple(named),
     )
     tables = [
         Table(

@@ -27,7 +27,7 @@ def select_recordings(
     axes: Sequence[str] | None,
 ) -> tuple[list[Recording], StepReport]:
     """Keep what meets every condition; see :meth:`Dataset.select`, which calls this."""
-    kept = list(range(len(recordings))) if indices is None else _places(indices, len(recordings))
+    places = list(range(len(recordings))) if indices is None else _places(indices, len(recordings))
     parameters: dict[str, object] = {"indices": None if indices is None else "given"}
     for name, wanted in (("label", labels), ("session", sessions)):
         values = None if wanted is None else set(_texts(wanted, f"{name}s"))
@@ -39,17 +39,17 @@ def select_recordings(
             there = first_names(sorted(map(repr, present)), 20)
             missing = first_names(sorted(map(repr, values - present)), 20)
             raise GranularIdError(f"{name}s: no recording has {missing}; there are {there}")
-        kept = [i for i in kept if getattr(recordings[i], name) in values]
-    if not kept:
+        places = [i for i in places if getattr(recordings[i], name) in values]
+    if not places:
         problem = "no index is given, or the conditions exclude each other"
         raise GranularIdError(f"select() leaves no recording: {problem}")
-    chosen = [recordings[i] for i in kept]
+    chosen = [recordings[i] for i in places]
     if axes is not None:
         if isinstance(axes, (str, Set)) or not (columns := _texts(axes, "axes")):
             raise GranularIdError(f"axes={axes!r}; wanted a sequence of names like ['fx', 'fz']")
         parameters["axes"] = columns
         chosen = [_with_axes(recording, columns) for recording in chosen]
-    totals = {"recordings_before": len(recordings), "recordings_after": len(kept)}
+    totals = {"recordings_before": len(recordings), "recordings_after": len(places)}
     return chosen, StepReport("select", parameters, totals)
 
 
@@ -103,17 +103,17 @@ def align_recordings(
         for recording, start in zip(recordings, starts, strict=True)
     ]
     n = _length(room, rate_hz, n_samples, duration_s)
-    kept: list[tuple[Recording, int]] = []
+    fitting: list[tuple[Recording, int]] = []
     cropped: list[dict[str, Any]] = []
     skipped: list[dict[str, Any]] = []
     for recording, start in zip(recordings, starts, strict=True):
         row = {"name": recording.name, "samples_before": recording.n_samples}
         missing = _missing(recording, start, n)
         if missing and on_short == "raise":
-            said, least = f"{sum(samples < n for samples in room)} of {len(room)} recordings", min(room)
+            share, least = f"{sum(samples < n for samples in room)} of {len(room)} recordings", min(room)
             fits = (f"n_samples={least} fits all ", typed(duration_s=least / rate_hz))
             raise WayOutError(
-                f"recording {recording.name!r} {missing}; {said} have no room; ",
+                f"recording {recording.name!r} {missing}; {share} have no room; ",
                 *(fits if least else ["ask for less lead"]),
                 ", or pass on_short='skip' to leave such recordings out ",
                 typed(on_error="skip"),
@@ -121,28 +121,28 @@ def align_recordings(
         if start is None or missing:
             skipped.append({**row, "skipped": missing})
             continue
-        kept.append((recording, start))
+        fitting.append((recording, start))
         end = recording.n_samples - start - n
         if start or end:
             cropped.append({**row, "dropped_start": start, "dropped_end": end})
-    if not kept:
+    if not fitting:
         none = f"none of the {counted(len(recordings))} has {fixed(n)} samples from its start or trigger on"
         raise GranularIdError(f"{none}: the first {skipped[0]['skipped']}")
     totals = {
-        "recordings": len(kept),
+        "recordings": len(fitting),
         "recordings_cropped": len(cropped),
         "recordings_skipped": len(skipped),
         "dropped_samples": sum(row["dropped_start"] + row["dropped_end"] for row in cropped),
     }
     parameters: dict[str, Any] = {"n_samples": n, "duration_s": duration_s}
     parameters |= {"trigger": trigger, "lead_s": lead_s, "on_short": on_short}
-    common_axes([recording for recording, _ in kept])
+    common_axes([recording for recording, _ in fitting])
     # one block that all results look into, so that Dataset.X needs no second copy
-    block = np.stack([recording.wrench[start : start + n] for recording, start in kept])
+    block = np.stack([recording.wrench[start : start + n] for recording, start in fitting])
     block.flags.writeable = False
     results = [
         _stretch(recording, start, start + n, start / rate_hz, wrench=wrench)
-        for wrench, (recording, start) in zip(block, kept, strict=True)
+        for wrench, (recording, start) in zip(block, fitting, strict=True)
     ]
     return results, StepReport("align", parameters, totals, skipped + cropped)
 

@@ -236,8 +236,8 @@ def _refuse_unclear(recordings: Sequence[Recording], name: str, new: str) -> Non
     """Refuse to turn or reverse what is so already by its metadata, or is not of one frame or sign."""
     now = Counter(value for recording in recordings if (value := getattr(Setup.of(recording.meta), name)))
     if len(now) > 1:
-        told = ", ".join(f"{value!r} ({n})" for value, n in now.most_common())
-        raise GranularIdError(f"recordings are of several {name}s: {told}; give those of each {name} apart")
+        names = ", ".join(f"{value!r} ({n})" for value, n in now.most_common())
+        raise GranularIdError(f"recordings are of several {name}s: {names}; give those of each {name} apart")
     if new in now:
         problem = f"is {new!r} already, as the metadata of {counted(now[new])} state"
         raise argument_error(GranularIdError, name, f"{problem}; wanted the name of what it is afterwards")
@@ -290,7 +290,7 @@ def _too_short(recordings: Sequence[Recording], first: Recording, least_s: float
     """Say which recording has too short a rest, and what would fit."""
     rests = [(r.trigger_index or 0) / (r.rate_hz or 1.0) for r in recordings]
     own, shortest = (first.trigger_index or 0) / (first.rate_hz or 1.0), min(rests)
-    said = f"recording {first.name!r} has {own:g} s of rest before its trigger, {least_s:g} s are wanted; "
+    problem = f"recording {first.name!r} has {own:g} s of rest before its trigger, {least_s:g} s are wanted; "
     if shortest > 0:
-        return f"{said}lead_s={np.floor(1e3 * shortest) / 1e3:g} fits all"
-    return f"{said}leave out those without any rest, or record with a pre-trigger buffer"
+        return f"{problem}lead_s={np.floor(1e3 * shortest) / 1e3:g} fits all"
+    return f"{problem}leave out those without any rest, or record with a pre-trigger buffer"

@@ -34,7 +34,7 @@ def damaged(data, places, wrench=None, **fields):
 
 
 def codes(report, *, infos=False):
-    """The set of codes found, mild ones only where asked for."""
+    """The set of codes found, mild ones only with `infos`."""
     return {finding.code for finding in report if infos or finding.severity != "info"}
 
 

@@ -60,9 +60,9 @@ def test_align_without_any_trigger(data):
 
 def test_recorded_triggers_are_kept_unless_replaced(data):
     known = Dataset([replace(data[0], trigger_index=500), *data[1:]])
-    kept = known.find_onsets()
-    assert kept[0] is known[0]
-    assert kept.history[-1].totals["kept"] == 1
+    found = known.find_onsets()
+    assert found[0] is known[0]
+    assert found.history[-1].totals["kept"] == 1
     replaced = known.find_onsets(replace=True)
     assert replaced == data.find_onsets()
     still = Dataset([replace(data[3], trigger_index=500)])

@@ -235,11 +235,11 @@ def test_align_accounts_for_every_sample(lengths, n, shift):
             data.align(n, trigger="recorded", on_short="skip")
         return
     aligned = data.align(n, trigger="recorded", on_short="skip")
-    kept = [r for r, fit in zip(data, fits, strict=True) if fit]
+    fitting = [r for r, fit in zip(data, fits, strict=True) if fit]
     totals = aligned.history[-1].totals
-    assert totals["recordings_skipped"] == len(data) - len(kept)
-    assert totals["dropped_samples"] + n * len(kept) == sum(r.n_samples for r in kept)
-    np.testing.assert_array_equal(aligned.X, np.stack([r.wrench[shift : shift + n] for r in kept]))
+    assert totals["recordings_skipped"] == len(data) - len(fitting)
+    assert totals["dropped_samples"] + n * len(fitting) == sum(r.n_samples for r in fitting)
+    np.testing.assert_array_equal(aligned.X, np.stack([r.wrench[shift : shift + n] for r in fitting]))
 
 
 def test_reports_print_and_serialise(mixed):

@@ -83,10 +83,10 @@ def test_a_replay_of_several_set_ups_is_compared_one_by_one(data, name):
     model = gid.Identifier.fit(both, "hfmh", estimate=False)
     assert replayed(both, model)[0] == ()
     changed = of_two(data, name, ("one", "third"))
-    told = f"{name} 'third', in training 'one' or 'other'"
-    assert replayed(changed, model, accept=name if name in ACCEPTABLE else ())[0] == (told,)
+    expected = f"{name} 'third', in training 'one' or 'other'"
+    assert replayed(changed, model, accept=name if name in ACCEPTABLE else ())[0] == (expected,)
     if name in ACCEPTABLE:
-        with pytest.raises(ValueError, match=re.escape(told)):
+        with pytest.raises(ValueError, match=re.escape(expected)):
             replayed(changed, model)
 
 
@@ -100,20 +100,20 @@ def test_each_mismatch_is_refused_or_warned_of(data, model, name):
     refused = name in ACCEPTABLE
     accept = (name,) if refused else ()
     if refused:
-        for asked in (lambda: model.identify(changed[0]), lambda: model.requirements.check(changed)):
+        for refuses in (lambda: model.identify(changed[0]), lambda: model.requirements.check(changed)):
             with pytest.raises(ValueError, match=rf"{data[0].name}.*{name}"):
-                asked()
-    (told,) = model.requirements.check(changed, accept)
-    assert told.startswith(name)
+                refuses()
+    (expected,) = model.requirements.check(changed, accept)
+    assert expected.startswith(name)
     with pytest.raises(ValueError, match="accept must be of frame"):
         model.identify(changed[0], accept=(*accept, "sensor"))
     decision = model.identify(changed[0], accept=accept)
-    assert decision.warnings == (told,)
+    assert decision.warnings == (expected,)
     assert decision.ranking == model.identify(data[0]).ranking
     if name == "units":  # live they are N and N m
         return
     differences, decision = replayed(changed, model, accept=accept)
-    assert differences == decision.warnings == (told,)
+    assert differences == decision.warnings == (expected,)
     if refused:
         with pytest.raises(ValueError, match=f"replay of .* {name} 'another', in training '{FLANGE[name]}'"):
             replayed(changed, model)
@@ -165,8 +165,8 @@ def test_a_training_on_several_set_ups_knows_each(data):
     model = gid.Identifier.fit(mixed, "hfmh", estimate=False)
     assert model.trained["setup"] == {"frame": ["flange", "sensor"], "tool": ["fork", "spoon"]}
     assert model.requirements.check(mixed) == ()
-    told = ("tool 'knife', in training 'fork' or 'spoon'",)
-    assert model.requirements.check(with_meta(data, tool="knife")) == told
+    expected = ("tool 'knife', in training 'fork' or 'spoon'",)
+    assert model.requirements.check(with_meta(data, tool="knife")) == expected
     with pytest.raises(ValueError, match="flange"):
         model.requirements.check(with_meta(data, frame="table"))
     note = "recordings differ in their frame: 'flange', 'sensor'"
@@ -215,14 +215,14 @@ TARED, COMPENSATED = {"tare": "rest"}, {"compensated": True, "payload": "0.306 k
 
 
 @pytest.mark.parametrize(
-    ("step", "told"),
+    ("step", "expected"),
     [(TARED, "tare 'rest', in training {}"), (COMPENSATED, "payload '0.306 kg', in training {}")],
 )
-def test_what_a_step_took_off_is_missed_where_nothing_is_stated(data, step, told):
+def test_what_a_step_took_off_is_missed_where_nothing_is_stated(data, step, expected):
     plain, taken = with_meta(data), with_meta(data, **step)
     for trained, now, wanted in [
-        (plain, taken, told.format("not stated")),
-        (taken, plain, re.sub("'.*", "not stated, in training ", told) + re.search("'.*'", told)[0]),
+        (plain, taken, expected.format("not stated")),
+        (taken, plain, re.sub("'.*", "not stated, in training ", expected) + re.search("'.*'", expected)[0]),
     ]:
         model = gid.Identifier.fit(trained, "hfmh", estimate=False)
         assert model.requirements.check(trained) == ()
@@ -242,8 +242,8 @@ def test_what_some_recordings_of_a_training_lack_is_none(data):
     assert values_in(setups_in(half)) == {"tare": ["rest", "not stated"]}
     model = gid.Identifier.fit(half, "hfmh", estimate=False)
     assert model.requirements.check(half) == ()
-    told = ("tare 'by hand', in training 'rest' or not stated",)
-    assert model.requirements.check(with_meta(data, tare="by hand")) == told
+    expected = ("tare 'by hand', in training 'rest' or not stated",)
+    assert model.requirements.check(with_meta(data, tare="by hand")) == expected
     (warned,) = mixed_setup_warnings(half)
     assert warned == (
         "warning: recordings differ in their tare: 'rest', not stated; their forces do not count from one zero"
@@ -334,15 +334,15 @@ def test_command_line_refuses_accepts_and_warns_of_setups(data, model, tmp_path)
         assert "frame 'table', in training 'flange'" in line
         assert "(--accept frame)" in line
     out = ended_well("identify", stored, fresh, "--accept", "frame", "--json", answers)
-    told = ["frame 'table', in training 'flange'", "tool 'spoon', in training 'cylinder'"]
-    assert all(text in " ".join(out.split()) for text in told)
-    assert json.loads(answers.read_text())["differences"] == told
+    expected = ["frame 'table', in training 'flange'", "tool 'spoon', in training 'cylinder'"]
+    assert all(text in " ".join(out.split()) for text in expected)
+    assert json.loads(answers.read_text())["differences"] == expected
     quiet = run("identify", stored, fresh, "--accept", "frame", "--quiet")
     warned = " ".join(quiet.stderr.split())
-    assert all(f"warning: another set-up than in the training: {text}" in warned for text in told)
+    assert all(f"warning: another set-up than in the training: {text}" in warned for text in expected)
     rows = tmp_path / "answers.jsonl"
     out = ended_well(*live, "--accept", "frame", "--json", rows)
     warned = " ".join(out.split())
-    assert all(f"warning: another set-up than in the training: {text}" in warned for text in told)
-    assert json.loads(rows.read_text())["decision"]["warnings"] == told
+    assert all(f"warning: another set-up than in the training: {text}" in warned for text in expected)
+    assert json.loads(rows.read_text())["decision"]["warnings"] == expected
     assert "frame: flange" in ended_well("model", stored, "--details")

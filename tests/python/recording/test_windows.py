@@ -76,9 +76,9 @@ def test_recordings_shorter_than_a_window():
         ValueError, match=r"'short' is shorter than a window: 19 samples, 20 wanted; 1 of 2 .*on_short='skip'"
     ):
         data.windows(2)
-    kept = data.windows(2, on_short="skip")
-    assert kept.names == ("drive @ 0 s",)
-    assert kept.history[-1].rows[0]["skipped"].startswith("is shorter")
+    long = data.windows(2, on_short="skip")
+    assert long.names == ("drive @ 0 s",)
+    assert long.history[-1].rows[0]["skipped"].startswith("is shorter")
     with pytest.raises(ValueError, match="none of the 2 recordings is as long as a window of 30 samples"):
         data.windows(3, on_short="skip")
 
