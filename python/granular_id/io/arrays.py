@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._text import UNITS, WayOut, alternatives, in_both
+from granular_id._text import UNITS, alternatives, in_both
 from granular_id.io.files import RecordingFileError
 from granular_id.io.remedy import (
     BESIDE,
-    LABELS,
     MOST_DEEP,
     MOST_LISTED,
     SIGNAL,
@@ -33,7 +32,6 @@ from granular_id.io.remedy import (
     without_number,
 )
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSource, LoadOptions
-from granular_id.io.ways_out import in_python
 from granular_id.recording import AXES, Table, cell_text, units_by_axis
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
@@ -50,9 +48,9 @@ def content_of(
     """
     reading = _Reading(tree, source, options, how)
     found, notes = reading.found()
-    tables: list[Table] = []
-    for one in found:
-        tables += reading.tables(one)
+    tables = [table for one in found for table in reading.tables(one)]
+    reading.refuse_labels_unread(tables)
+    notes = [*reading.order_notes(found), *notes]
     places = [
         f"{how.kind} {table.name}" if len(tables) > 1 else f"{how.kind} {found[0].path}" for table in tables
     ]
@@ -61,11 +59,9 @@ def content_of(
         return {"place": places[table] + ("" if row is None else f", sample {row}")}
 
     is_finite = all(np.isfinite(table.values).all() for table in tables if table.values is not None)
-    lines = () if is_finite else reading.remedy.mended(found)  # now, as the file will be closed
-
-    def mended(mend: str) -> WayOut:
-        return in_python(*(line.replace("MEND", mend) for line in lines))
-
+    mended = None if is_finite else reading.remedy.mended(found)  # now, as the file will be closed
+    if mended is None:
+        return FileContent(tables, notes=notes, place=place)
     return FileContent(tables, notes=notes, place=place, in_python=mended)
 
 
@@ -82,7 +78,7 @@ class _Reading:
         self._tree, self._source, self._options, self._how, self._offers = tree, source, options, how, offers
         self._leaves = list(_leaves(tree, "", ()))
         self._axes = options.axes or source.axes or AXES
-        self.remedy = Remedy(self._leaves, source.path, options, how, source.axes)
+        self.remedy = Remedy(self._leaves, source, options, how)
 
     def found(self) -> tuple[list[Found], list[str]]:
         """Return the arrays of samples, and notes on what is left out."""
@@ -200,7 +196,6 @@ class _Reading:
             raise self.fault(f"{one.path} holds {values.dtype}; wanted numbers")
         label = self._each("y", one, of_all, self._options.label)
         session = self._each("session", one, of_all, self._options.session)
-        self._refuse_labels_unread(one, of_all, label)
         called, rates, lengths = (self._each(what, one, of_all) for what in ("name", "rate_hz", "lengths"))
         stamps = self._about("t", one)
         clock = None if stamps is None else np.squeeze(stamps.read())  # of all recordings, or a row for each
@@ -237,19 +232,28 @@ class _Reading:
             )
         return tables
 
-    def _refuse_labels_unread(self, one: Found, n: int, label: Sequence[str | None]) -> None:
-        """Refuse labels of all recordings under a name that is not read."""
-        known = any(label) or one.label or self._source.label or self._source.label_else
-        if known or self._options.label is not None or not self._offers:
+    def refuse_labels_unread(self, tables: Sequence[Table]) -> None:
+        """Refuse arrays whose labels nothing says, but perhaps an array, field or attribute that is not read."""
+        known = any(table.label for table in tables) or self._source.label_known is not None
+        if known or self._options.label is not None:
             return
-        beside = [key for place in (one.leaf.about, *one.chain[:-1]) for key in place if LABELS.match(key)]
-        beside += [
-            two.path
-            for two in self._leaves
-            if LABELS.match(two.path) and not two.leaf.is_numbers and two.leaf.shape == (n,) and n > 1
-        ]
-        if beside:
-            raise self.fault(f"{beside[0]!r:.60} may be the labels, which are read from 'y' only")
+        rules = [rule for rule, _ in self.remedy.label_rules(self._options, self._tables_by) if rule]
+        if rules:
+            names = ", ".join(repr(rule.removeprefix("column:")) for rule in rules)
+            raise self.fault(f"{names:.200} may be the labels, which are read from 'y' only")
+
+    def order_notes(self, found: Sequence[Found]) -> list[str]:
+        """Say what each axis of an array was taken as, where its shape fits another order too."""
+        notes = []
+        for one in found:
+            *others, n_axes = one.leaf.shape
+            if n_axes in others:
+                places = ("recordings", "samples")[-len(others) :]
+                taken = ", ".join(f"{n} {what}" for n, what in zip(others, places, strict=True))
+                notes.append(
+                    f"{one.path} {one.leaf.shape} is read as {taken} and {n_axes} axes, in this order"
+                )
+        return notes[:1]
 
     def _refuse_order(self, values: NDArray[Any], one: Found, label: Sequence[str | None]) -> None:
         """Refuse three dimensions of which nobody says the order: more recordings than samples, and no labels."""
@@ -321,8 +325,7 @@ class _Reading:
         """Read the file with other options, for a way out."""
         again = _Reading(self._tree, self._source, options, self._how, offers=False)
         tables = [table for one in again.found()[0] for table in again.tables(one)]
-        own = self._source.label or self._source.label_else
-        return [replace(table, label=table.label or own) for table in tables]
+        return [replace(table, label=table.label or self._source.label_known) for table in tables]
 
 
 def _leaves(node: Any, path: str, chain: Chain, depth: int = 0) -> Iterator[Found]:

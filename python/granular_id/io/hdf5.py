@@ -13,7 +13,7 @@ from granular_id.io.files import RecordingFileError, need
 from granular_id.io.remedy import MOST_DEEP, Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 
-_OPENING = Opening("data set", "h5py.File({!r})", "[()]", "numpy.ravel({}.asstr()[()])")
+_OPENING = Opening("data set", "h5py.File({})", "[()]", "numpy.ravel({}.asstr()[()])")
 
 
 def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:

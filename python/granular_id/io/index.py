@@ -1,9 +1,9 @@
 """``index.csv``: what is known about the files of a folder, a line each.
 
-Column ``file`` (path within the folder) is needed; ``label``, ``session``, ``start_time`` (seconds since 1970, or ISO
-8601 with its zone), ``rate_hz`` (or ``irregular``: keep the stamps), ``trigger_index``, ``name``, ``meta`` (a JSON
-object) and ``axes`` (a JSON list, or names with commas between them) may follow in any order, empty cells meaning "not
-known". Any other column goes into ``meta`` as text.
+Column ``file`` (path within the folder; also ``filename`` or ``path``) is needed; ``label``, ``session``,
+``start_time`` (seconds since 1970, or ISO 8601 with its zone), ``rate_hz`` (or ``irregular``: keep the stamps),
+``trigger_index``, ``name``, ``meta`` (a JSON object) and ``axes`` (a JSON list, or names with commas between them) may
+follow in any order, empty cells meaning "not known". Any other column goes into ``meta`` as text.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ INDEX_NAME = "index.csv"
 INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta", "axes")
 """The last one is there where recordings have other axes than the six of a wrench."""
 
+_FILES = frozenset(("files", "filename", "filenames", "filepath", "path", "paths"))
+"""Other names of the column ``file``, without what stands between words."""
+
 IRREGULAR = "irregular"
 """What stands for a rate where a recording's own stamps are to be kept as they are."""
 
@@ -51,8 +54,12 @@ def read_index(
             problem = f"column {column!r} occurs twice" if column else "the column has no proper name"
             raise RecordingFileError(path, problem, line=line, column=str(i + 1))
     if "file" not in columns:
-        wanted = ", ".join(map(repr, INDEX_COLUMNS))
-        raise RecordingFileError(path, f"no column 'file'; wanted {wanted}", line=line)
+        of_files = [i for i, column in enumerate(columns) if re.sub(r"[\W_]", "", column) in _FILES]
+        if len(of_files) != 1:
+            wanted = ", ".join(map(repr, INDEX_COLUMNS))
+            problem = f"no column 'file'; wanted {wanted}: call the one with the paths of the files so"
+            raise RecordingFileError(path, problem, line=line)
+        columns[of_files[0]] = "file"
     lines: dict[Path, int] = {}
     found: list[FileSource] = []
     for line, cells in rows:

@@ -14,11 +14,11 @@ from typing import Any, Literal
 from granular_id._checks import argument_error, checked_index
 from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback, check_progress, showing
-from granular_id._text import counted
+from granular_id._text import alternatives, counted, in_both
 from granular_id.io.files import RecordingFileError, check_place, failed
 from granular_id.io.index import INDEX_NAME
-from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.io.sources import find_sources, format_of, listed
+from granular_id.io.source import SESSION_LIKE, FileContent, FileSource, LoadOptions
+from granular_id.io.sources import find_sources, format_of, listed, placed
 from granular_id.io.ways_out import with_all_wanted
 from granular_id.recording import Dataset, Made, StepReport, TableError, restated, to_recordings
 
@@ -368,6 +368,7 @@ def _tried(source: FileSource, options: LoadOptions) -> None:
     """Read one file with other options, for what is wanted beside them."""
     known = format_of(source.path)
     stated = replace(source, **{name: value for name, value in options.stated.items() if value is not None})
+    stated = placed(stated, options, source.path.resolve())
     if known is not None:
         try:
             _made(known.read(stated, options), stated)
@@ -394,8 +395,10 @@ def _made(content: FileContent, source: FileSource) -> _Read:
             made = to_recordings(table, source)
         except TableError as error:
             place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
-            line = [content.in_python(error.mend)] if error.mend else []
-            raise RecordingFileError(source.path, [*error.parts, *line], **place) from error
+            lines = content.in_python(error.mend) if error.mend else []
+            raise RecordingFileError(source.path, [*error.parts, *lines], **place) from error
+        if source.label_known is None and source.label_from is None:
+            _refuse_labels_unread(made, content, source)
         read.recordings += made.recordings
         read.rows += made.rows
         read.notes += [note for note in made.notes if note not in read.notes]
@@ -406,6 +409,20 @@ def _made(content: FileContent, source: FileSource) -> _Read:
     if source.two_meanings is not None and any(recording.label is None for recording in read.recordings):
         raise RecordingFileError(source.root, source.two_meanings)
     return read
+
+
+def _refuse_labels_unread(made: Made, content: FileContent, source: FileSource) -> None:
+    """Refuse a table of several recordings whose labels nothing says, but perhaps a column that is not read."""
+    of_place = in_both(label="folder" if source.label_place == "folder" else "file")
+    if made.may_be_labels:
+        columns = sorted(made.may_be_labels, key=lambda name: SESSION_LIKE.fullmatch(name) is not None)
+        ways = alternatives(in_both(label=f"column:{name}") for name in columns)
+        several = ", ".join(map(repr, columns))
+        problem = f"labels are read from columns 'label' and 'material'; {several} may hold them: pass "
+        raise RecordingFileError(source.path, (problem, *ways, "; else ", of_place))
+    if made.label_mend:
+        problem = f"ids of recordings may hold their labels; if not, pass {of_place}"
+        raise RecordingFileError(source.path, (problem, *content.in_python(made.label_mend)))
 
 
 def _place_note(what: str, reads: Sequence[_Read], alone: bool) -> str | None:

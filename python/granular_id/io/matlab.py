@@ -16,7 +16,7 @@ from granular_id.io.source import FileContent, FileSource, LoadOptions
 
 _V73 = Opening(
     "variable",
-    "h5py.File({!r})",
+    "h5py.File({})",
     "[()].T",
     "[''.join(map(chr, f[one][()].ravel())) for one in {}[()].ravel()]",
     by_reference=True,
@@ -42,7 +42,7 @@ def read_mat(source: FileSource, options: LoadOptions) -> FileContent:
                 source.path, "is text as Octave's save writes it by default; save it with -v7"
             )
         tree = _read_scipy(source, left_out)
-        opening = Opening("variable", "scipy.io.loadmat({!r}, simplify_cells=True)")
+        opening = Opening("variable", "scipy.io.loadmat({}, simplify_cells=True)")
     try:
         content = content_of(tree, source, options, opening)
     except RecordingFileError as error:

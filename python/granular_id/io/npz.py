@@ -75,7 +75,7 @@ def read_npz(source: FileSource, options: LoadOptions) -> FileContent:
         arrays = {name: _member(archive, name, source) for name in archive.files}
     said = str(arrays[_MARK]) if _MARK in arrays and arrays[_MARK].dtype.kind == "U" else ""
     if not said.startswith(FORMAT):
-        opening = Opening("array", "numpy.load({!r})", is_flat=True)
+        opening = Opening("array", "numpy.load({})", is_flat=True)
         return content_of(_tree(arrays, source.path), source, options, opening)
     if said != MARK:
         problem = f"is of the format {said!r:.80}; this version of granular-id reads {MARK!r}"
@@ -168,4 +168,4 @@ def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
         call = f"Dataset.from_frames({{name: f[name] for name in f.dtype.names}}{', rate_hz=RATE' * (not has_clock)})"
         line = in_python(f"f = numpy.load({str(source.path)!r})", call)
         raise RecordingFileError(source.path, (f"has the fields {', '.join(array.dtype.names)}", line))
-    return content_of({"X": Leaf(array)}, source, options, Opening("array", "{{'X': numpy.load({!r})}}"))
+    return content_of({"X": Leaf(array)}, source, options, Opening("array", "{{'X': numpy.load({})}}"))

@@ -5,27 +5,26 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import groupby, permutations
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._text import RATE, WayOut, alternatives, in_both
+from granular_id._text import RATE, alternatives, in_both
 from granular_id.io.files import RecordingFileError
-from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, LoadOptions
-from granular_id.io.ways_out import in_python
-from granular_id.recording import AXES, Table, meaning_of
+from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions
+from granular_id.io.ways_out import in_python_each, paths_line, places_of
+from granular_id.recording import AXES, LABEL_NAMES, Table, meaning_of
 
 MOST_LISTED = 12
 MOST_DEEP = 12
 """Groups in groups that are looked into."""
 
-LABELS = re.compile(r"(y|labels?|materials?|targets?|class|classes|name)($|[_\d])", re.IGNORECASE)
 _RATES = re.compile(r"fs|(sampl(e|ing)_?)?(rate|freq(uency)?)(_?hz)?", re.IGNORECASE)
 _PARTS = (("force", "forces", "f"), ("torque", "torques", "moment", "moments", "tau", "t", "m"))
-"""Names of labels, rates, forces and torques, for ways out only: people see what they type."""
+"""Names of rates, forces and torques, for ways out only: people see what they type."""
 
 SIGNAL = re.compile(
     r"wrench|force|torque|filtered|arr_\d|^x$|(^|[\W_])(raw|ft|data|signals?|samples?|sensor)[\W_\d]*$",
@@ -33,6 +32,7 @@ SIGNAL = re.compile(
 )
 """Names of arrays that are no materials."""
 
+_NO_LABELS = ("axes", "units", "session", "name")
 _OWN = "what the file says"
 
 _COUNTED = re.compile(r"(.*?)[\s_.-]*\d+")
@@ -70,6 +70,11 @@ class Leaf:
     def is_numbers(self) -> bool:
         """Whether it holds real numbers."""
         return bool(self.values.dtype.kind in "iuf")
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it holds texts."""
+        return bool(self.values.dtype.kind in "US")
 
     def read(self) -> NDArray[Any]:
         """Return its values."""
@@ -128,27 +133,46 @@ def _indexed(part: str) -> str:
     return (f"[{name!r}]" if name else "") + bracket + places
 
 
+class _Call(NamedTuple):
+    """A call that makes a data set of what a file holds: samples and labels of it, and what that assumes."""
+
+    X: str
+    y: str = ""
+    why: str = ""
+    n: int | None = None  # recordings, where it is 1 of every such file
+    is_frames: bool = False
+    is_timed: bool = False  # the frames have a clock
+    is_beside: bool = False  # labels stand beside the samples
+
+
 class Remedy:
     """What reads a file that does not keep the convention; `axes` are those that are stated of it."""
 
     def __init__(
         self,
         leaves: Sequence[Found],
-        path: Path,
+        source: FileSource,
         options: LoadOptions,
         how: Opening,
-        axes: Sequence[str] | None,
     ) -> None:
-        self._every, self._how, self._given = leaves, how, options
-        self._opened = f"f = {how.line.format(str(path))}"
-        self._known = list(options.axes or axes or AXES)
+        self._every, self._source, self._how, self._given = leaves, source, how, options
+        self._known = list(options.axes or source.axes or AXES)
         self._arrays = [one for one in leaves if one.leaf.is_numbers and len(one.leaf.shape) in (2, 3)]
         self._in_order = [one for one in self._arrays if one.leaf.shape[-1] == len(self._known)]
-        self._labels = [
+
+    @cached_property
+    def _labels(self) -> list[Found]:
+        """Arrays that may hold labels: by their names, else texts of which some are the same."""
+        texts: dict[str, list[str]] = {}
+        for one in self._every:
+            if one.leaf.is_text:
+                texts.setdefault(one.name, []).extend(map(str, np.ravel(one.leaf.read()).tolist()))
+        like_labels = {name for name, every in texts.items() if 1 < len(set(every)) < len(every)}
+        return [
             one
-            for one in leaves
-            if one.name.lower() not in ("axes", "units", "session")
-            and (not one.leaf.is_numbers or LABELS.match(one.name))
+            for one in self._every
+            if one.name.lower() not in _NO_LABELS
+            and (LABEL_NAMES.match(one.name) or one.name in like_labels)
             and one not in self._in_order
         ]
 
@@ -166,15 +190,20 @@ class Remedy:
             "axes=, a name a column, those of another sensor"
         ]
 
-    def mended(self, found: Sequence[Found]) -> tuple[str, ...]:
-        """Return the lines that read arrays as tables, each mended by methods of a data frame, in place of MEND."""
+    def mended(self, found: Sequence[Found]) -> Callable[[str], list[str]]:
+        """Return what gives the lines that read arrays as tables, each mended by methods of a data frame."""
         if self._how.by_reference and "[" in found[0].path:
-            return ()
+            return lambda mend: []  # noqa: ARG005
         counts = [one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1 for one in found]
-        y = self._label_beside(sum(counts)) or _runs([one.label for one in found])
-        frame = f"pandas.DataFrame(one, columns={self._known})MEND"
-        frames = f"frames = [{frame} for one in {self._list_of(found)}]"
-        return (self._opened, frames, f"Dataset.from_frames(frames, {y}, rate_hz={self._rate()})")
+        names = _runs([one.label for one in found]) if any(one.label for one in found) else ""
+        y, X = self._label_beside(sum(counts)) or names, self._list_of(found)
+        _ = self._rate  # while the file is open
+
+        def lines(mend: str) -> list[str]:
+            frames = f"[pandas.DataFrame(one, columns={self._known}){mend} for one in {X}]"
+            return self._each_file([_Call(frames, y, is_frames=True)])
+
+        return lines
 
     # options, each tried
 
@@ -186,17 +215,17 @@ class Remedy:
         if with_time and self._given.array is None:
             whole.append(replace(self._given, axes=timed))
         for options in whole:
-            way = self._tried(options, read)
-            if way is not None and all(way):
-                return ["; pass ", in_both(**way[0])]
-        ways: dict[str, tuple[dict[str, Any], str | None]] = {}
+            tried = self._tried(options, read)
+            if tried and all(map(all, tried)):
+                return ["; pass ", *alternatives(in_both(**way) for way, _ in tried)]
+        ways: dict[str, list[tuple[dict[str, Any], str | None]]] = {}
         for one in [*self._in_order, *with_time]:
             name = re.sub(r"\[\d+\]", "", one.name)
             if name not in ways and len(ways) < MOST_LISTED:
                 axes = timed if one in with_time else self._given.axes
-                way = self._tried(replace(self._given, array=name, axes=axes), read)
-                ways |= {} if way is None else {name: way}
-        known = {label for _, label in ways.values()} - {None}
+                tried = self._tried(replace(self._given, array=name, axes=axes), read)
+                ways |= {name: tried} if tried else {}
+        known = {tried[0][1] for tried in ways.values()} - {None}
         names = [one.path for one in self._in_order if one.name in ways]
         n_labels = any(self._label_beside(n) for one in self._in_order for n in one.leaf.shape[1:-1])
         counted = len(ways) > len({_stem(name) for name in ways})
@@ -204,10 +233,11 @@ class Remedy:
         has_y = any(one.name.lower() in BESIDE["y"] for one in self._every)
         if len(known) > 1 or counted or (of_names and not has_y and known <= {_OWN}):
             return []  # each has other labels beside it, or is named as its label, or the labels count another axis
-        said = [
-            ({"array": name} if self._given.array is None else {}) | way for name, (way, _) in ways.items()
-        ]
-        return ["; pass ", *alternatives(in_both(**way) for way in said)] if said and all(said) else []
+        array = [{"array": name} if self._given.array is None else {} for name in ways]
+        offered = [own | way for own, tried in zip(array, ways.values(), strict=True) for way, _ in tried]
+        return (
+            ["; pass ", *alternatives(in_both(**way) for way in offered)] if offered and all(offered) else []
+        )
 
     def _with_time(self) -> list[Found]:
         """Return the arrays whose first column rises from sample to sample, and has the axes behind it."""
@@ -216,50 +246,106 @@ class Remedy:
 
     def _tried(
         self, options: LoadOptions, read: Callable[[LoadOptions], Sequence[Table]]
-    ) -> tuple[dict[str, Any], str | None] | None:
-        """Return what is passed beside an array, and where its labels are known from; None where it cannot be read."""
-        about = (key for one in self._every for key in one.leaf.about if LABELS.match(key))
-        names = dict.fromkeys([*(one.name for one in self._labels), *about])
-        best: tuple[str | None, Sequence[Table], bool] | None = None
-        for rule in (
-            [None, *(f"column:{name}" for name in names)] if options.label is None else [options.label]
-        ):
+    ) -> list[tuple[dict[str, Any], str | None]]:
+        """Return what is passed beside an array, and where its labels are known from, for each that may hold them."""
+        found = []
+        for rule, tables in self.label_rules(options, read):
+            way: dict[str, Any] = {}
+            if options.axes is not None and options.axes != self._given.axes:
+                way["axes"] = ",".join(options.axes)
+            elif options.rate_hz is None and any(
+                one.rate_hz is None and one.stamps is None for one in tables
+            ):
+                rate = self._rate_leaf()
+                way["rate_hz"] = RATE if rate is None else float(np.ravel(rate.leaf.read())[0])
+            if rule is not None and self._given.label is None:
+                way["label"] = rule
+            found.append((way, (rule or _OWN) if all(table.label for table in tables) else None))
+        return found
+
+    def label_rules(
+        self, options: LoadOptions, read: Callable[[LoadOptions], Sequence[Table]]
+    ) -> list[tuple[str | None, Sequence[Table]]]:
+        """Return the values of `label` by which a file can be read, and what it gives; None: as it is without.
+
+        Arrays, fields and attributes are taken for labels by their names, else texts of which some are the same.
+        """
+        about = {key: leaf for one in self._every for key, leaf in one.leaf.about.items()}
+        leaves = [(one.name, one.path, one.leaf) for one in self._labels]
+        leaves += [(key, key, leaf) for key, leaf in about.items() if key.lower() not in _NO_LABELS]
+        plain = list[tuple[str | None, Sequence[Table]]]()
+        found = dict[str, tuple[str, Sequence[Table]]]()
+
+        def tables_by(rule: str | None) -> Sequence[Table]:
             try:
-                tables = read(replace(options, label=rule))
+                return read(replace(options, label=rule))
             except RecordingFileError:
+                return ()
+
+        if tables := tables_by(options.label):
+            plain = [(options.label, tables)]
+        if options.label is not None or (tables and all(table.label for table in tables)):
+            return plain
+        for name, path, leaf in leaves:
+            if name in found or not (leaf.is_text or LABEL_NAMES.match(name)):
                 continue
-            known = all(table.label for table in tables)
-            best = (rule, tables, known) if best is None or known else best
-            if known:
-                break
-        if best is None:
-            return None
-        rule, tables, known = best
-        said: dict[str, Any] = {}
-        if options.axes is not None and options.axes != self._given.axes:
-            said["axes"] = ",".join(options.axes)
-        elif options.rate_hz is None and any(one.rate_hz is None and one.stamps is None for one in tables):
-            rate = self._rate_leaf()
-            said["rate_hz"] = RATE if rate is None else float(np.ravel(rate.leaf.read())[0])
-        if rule is not None and self._given.label is None:
-            said["label"] = rule
-        return said, (rule or _OWN) if known else None
+            rules = [f"column:{name}", *([f"column:{path}"] if path != name and "[" not in path else [])]
+            rule, tables = next(((rule, got) for rule in rules if (got := tables_by(rule))), ("", ()))
+            labels = {table.label for table in tables}
+            is_called = LABEL_NAMES.match(name) is not None and not (
+                leaf.is_numbers and 2 < len(labels) == len(tables)
+            )
+            if tables and None not in labels and (is_called or 1 < len(labels) < len(tables)):
+                found[name] = (rule, tables)
+        named = [name for name in found if LABEL_NAMES.match(name)] or found
+        return [found[name] for name in sorted(named, key=_is_session)] or plain
 
     # lines of Python
 
     def _lines(self) -> list[str]:
         """Return the line for what is there; of several readings all."""
-        calls = self._of_parts() or self._flat() or self._turned() or self._listed()
-        if not calls:
-            return []
-        parts: list[str] = []
-        for call, why in calls:
-            whole = in_python(self._opened, call)
-            way = WayOut((f"; or data = {call}" if parts else whole) + (f", if {why}" if why else ""))
-            way.code, way.why = whole.code, why or ""
-            parts.append(way)
-        return parts
+        every, calls, same = self._labels, list[_Call](), dict[str, list[Found]]()
+        named = [one for one in every if LABEL_NAMES.match(one.name)]
+        for one in named or every:  # y_train and y_test are the labels of parts
+            same.setdefault(one.name.partition("_")[0] if named else one.name, []).append(one)
+        for name in sorted(same, key=_is_session) or [""]:
+            self._labels = same.get(name, [])
+            calls += self._of_parts() or self._flat() or self._turned() or self._listed()
+        self._labels = every
+        labelled = [one for one in calls if one.is_beside]
+        return self._each_file(list(dict.fromkeys(labelled or calls)))
 
+    def _each_file(self, calls: Sequence[_Call]) -> list[str]:
+        """Return the line for each call: of a folder it reads all files like this one, labelled by their places."""
+        several = ["; more than one reading fits, and only you know which is right"] * (len(calls) > 1)
+        places = places_of(self._source)
+        if not places:
+            opened = f"f = {self._how.line.format(repr(str(self._source.path)))}"
+            return [*several, *in_python_each([opened], [(self._text(one, one.y), one.why) for one in calls])]
+        opened = f"files = [{self._how.line.format('path')} for path in paths]"
+        endings = []
+        for one in calls:
+            for place in places[: 1 if one.y else None]:
+                n = "" if one.n == 1 else f" * len({one.X})"
+                y = one.y or f"[{place.label}]{n}"
+                sessions = "" if place.session is None else f", sessions=[{place.session}]{n}"
+                whys = [one.why, "" if one.y else place.why]
+                each = self._text(one, f"{y}{sessions}")
+                call = f"Dataset([r for path, f in zip(paths, files) for r in {each}])"
+                endings.append((call, " and ".join(filter(None, whys))))
+        several = several or ["; more than one reading fits, and only you know which is right"] * (
+            len(endings) > 1
+        )
+        return [*several, *in_python_each([paths_line(self._source), opened], endings)]
+
+    def _text(self, one: _Call, y: str) -> str:
+        """Return the call of a method of `Dataset`."""
+        words = ("from_frames" if one.is_frames else "from_arrays", f"{one.X}{', ' * bool(y)}{y}")
+        rate = "" if one.is_timed else f", rate_hz={self._rate}"
+        axes = "" if one.is_frames or self._given.axes is None else f", axes={','.join(self._given.axes)!r}"
+        return f"Dataset.{words[0]}({words[1]}{rate}{axes})"
+
+    @cached_property
     def _rate(self) -> str:
         if self._given.rate_hz is not None:
             return f"{self._given.rate_hz:g}"
@@ -270,10 +356,6 @@ class Remedy:
         """Return the number that is called like a rate."""
         named = (one for one in self._every if one.leaf.is_numbers and _RATES.fullmatch(one.name))
         return next((one for one in named if np.size(one.leaf.read())), None)
-
-    def _call(self, X: str, y: str = "") -> str:
-        axes = "" if self._given.axes is None else f", axes={','.join(self._given.axes)!r}"
-        return f"Dataset.from_arrays({X}{', ' * bool(y)}{y}, rate_hz={self._rate()}{axes})"
 
     def _list_of(self, arrays: Sequence[Found]) -> str:
         """Return the list of all recordings in arrays of two or three dimensions."""
@@ -292,7 +374,7 @@ class Remedy:
                 return f"{self._how.item(one)}.argmax(1)"
         return ""
 
-    def _of_parts(self) -> list[tuple[str, str | None]]:
+    def _of_parts(self) -> list[_Call]:
         """Join what each recording has in parts: vectors of the axes, or forces and torques."""
         groups: dict[str, dict[str, Found]] = {}
         for one in self._every:
@@ -303,17 +385,15 @@ class Remedy:
             return []
         X, n = next(iter(whole.values()))
         y = "" if n is None else self._label_beside(n)
+        is_beside = bool(y)
         if list(whole) != [""]:
             if self._how.is_flat:
                 return []
-            loop, y = self._loop(list(whole))
+            loop, y, is_beside = self._loop(list(whole))
             X = f"[{X} {loop}]"
         elif n is None:
-            X = f"[{X}]"
-        if "{" not in X:
-            return [(self._call(X, y), None)]
-        rate = "" if "'time'" in X else f", rate_hz={self._rate()}"
-        return [(f"Dataset.from_frames({X}{', ' * bool(y)}{y}{rate})", None)]
+            X, n = f"[{X}]", 1
+        return [_Call(X, y, "", n, "{" in X, "'time'" in X, is_beside)]
 
     def _joined(self, place: str, inner: Mapping[str, Found]) -> tuple[str, int | None] | None:
         """Return the expression that joins the parts of a group, and of how many recordings in three dimensions."""
@@ -341,8 +421,8 @@ class Remedy:
         n = pair[0].leaf.shape[0] if len(pair[0].leaf.shape) == 3 else None
         return f"numpy.concatenate([{', '.join(item(one, place) for one in pair)}], axis=-1)", n
 
-    def _loop(self, places: Sequence[str]) -> tuple[str, str]:
-        """Return the loop over groups, or structs, in which each is r, and their labels."""
+    def _loop(self, places: Sequence[str]) -> tuple[str, str, bool]:
+        """Return the loop over groups, or structs, in which each is r, their labels, and whether these lie in them."""
         base = re.sub(r"\[\d+\]$", "", places[0])
         if all(re.sub(r"\[\d+\]$", "", place) == base for place in places) and base != places[0]:
             loop = f"for r in f{''.join(map(_indexed, base.split('/')))}"
@@ -351,11 +431,11 @@ class Remedy:
             loop = f"for r in [{', '.join(items)}]"
         own = next((one for one in self._labels if one.parent == places[0]), None)
         if own is not None:
-            return loop, f"[{self._how.label(own, places[0])} {loop}]"
+            return loop, f"[{self._how.label(own, places[0])} {loop}]", True
         names = label_levels(places, own=True)
-        return loop, _runs(next(iter(names), [None] * len(places)))
+        return loop, _runs(names[0]) if names else "", False
 
-    def _flat(self) -> list[tuple[str, str | None]]:
+    def _flat(self) -> list[_Call]:
         """Shape rows of one recording each, (n, samples * axes), where a label stands for each."""
         n_axes = len(self._known)
         one = next((one for one in self._arrays if len(one.leaf.shape) == 2), None)
@@ -365,18 +445,14 @@ class Remedy:
         if n < 2 or not (y := self._label_beside(n)):
             return []
         first, second = self._known[:2]
+        by_axis = f"{item}.reshape(len({item}), {n_axes}, -1).transpose(0, 2, 1)"
+        by_sample = f"{item}.reshape(len({item}), -1, {n_axes})"
         return [
-            (
-                self._call(f"{item}.reshape({n}, {n_axes}, -1).transpose(0, 2, 1)", y),
-                f"a row holds all {first}, then all {second}",
-            ),
-            (
-                self._call(f"{item}.reshape({n}, -1, {n_axes})", y),
-                f"a row holds sample after sample, each of {n_axes} axes",
-            ),
+            _Call(by_axis, y, f"a row holds all {first}, then all {second}", is_beside=True),
+            _Call(by_sample, y, f"a row holds sample after sample, each of {n_axes} axes", is_beside=True),
         ]
 
-    def _turned(self) -> list[tuple[str, str | None]]:
+    def _turned(self) -> list[_Call]:
         """Bring recordings first and axes last: recordings are as many as labels, else the shorter of the two."""
         one = next((one for one in self._arrays if len(one.leaf.shape) == 3), None)
         if (
@@ -394,16 +470,16 @@ class Remedy:
             best = min(orders, key=lambda order: (-order[-1], shape[order[0]]))
             ways = [(best, "")] if best != usual else []
         return [
-            (
-                self._call(f"{self._how.item(one)}.transpose{order}", y),
-                f"axis {order[0]} counts recordings and axis {order[-1]} the forces"
-                if len(ways) > 1
-                else None,
+            _Call(
+                f"{self._how.item(one)}.transpose{order}",
+                y,
+                f"axis {order[0]} counts recordings and axis {order[-1]} the forces" * (len(ways) > 1),
+                is_beside=bool(y),
             )
             for order, y in ways
         ]
 
-    def _listed(self) -> list[tuple[str, str | None]]:
+    def _listed(self) -> list[_Call]:
         """List arrays with what their groups, or their names, may say of them."""
         arrays = [one for one in self._arrays if len(self._known) in one.leaf.shape]
         if not arrays:
@@ -414,9 +490,9 @@ class Remedy:
         y = f"[{', '.join('*' + y for y in beside)}]" if all(beside) else self._label_beside(sum(counts))
         levels = [] if y else label_levels([one.path for one in arrays], own=True)
         if not levels:
-            return [(self._call(X, y), None)]
+            return [_Call(X, y, "", sum(counts), is_beside=bool(y))]
         labels = [[name for name, n in zip(names, counts, strict=True) for _ in range(n)] for names in levels]
-        return [(self._call(X, _runs(names)), f"{names[0]!r} is a material") for names in labels]
+        return [_Call(X, _runs(names), f"{names[0]!r} is a material") for names in labels]
 
     def _label_beside_of(self, one: Found, n: int) -> str:
         """Return the labels beside one array of several: y_train of X_train."""
@@ -426,6 +502,10 @@ class Remedy:
         ]
         fits = [two for two in near if np.prod(two.leaf.shape) == n]
         return self._how.label(fits[0]) if fits and (ending or n > 1) else ""
+
+
+def _is_session(name: str) -> bool:
+    return SESSION_LIKE.fullmatch(name) is not None
 
 
 def label_levels(paths: Sequence[str], *, own: bool = False) -> list[list[str]]:

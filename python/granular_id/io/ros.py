@@ -11,7 +11,6 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from functools import partial
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
@@ -101,7 +100,10 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         return {} if row is None else {"place": f"message {row + 1} of {chosen.topic[:80]}"}
 
     return FileContent(
-        [table], notes=notes, place=place, in_python=partial(_bag_line, source, chosen.topic, fields)
+        [table],
+        notes=notes,
+        place=place,
+        in_python=lambda mend: [_bag_line(source, chosen.topic, fields, mend)],
     )
 
 

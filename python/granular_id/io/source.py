@@ -10,7 +10,6 @@ from typing import Any, Literal
 
 from granular_id._checks import argument_error, checked_choice, checked_text, finite_number
 from granular_id._core import GranularIdError
-from granular_id._text import WayOut
 from granular_id.recording import (
     AXES,
     RECORDING,
@@ -34,7 +33,7 @@ NO_MATERIAL = frozenset(
 SESSION_LIKE = re.compile(
     r"(\d{2,4}[-_.]\d{1,2}[-_.]\d{1,4}.*|\d{8}|(mon|tues|wednes|thurs|fri|satur|sun)day|"
     r"train(ing)?|test(ing)?|val(id|idation)?|raw|csv|data(set)?s?|recordings?|measurements?|"
-    r"logs?|files?|(session|day|week|run|trial|take|batch|exp|experiment|"
+    r"logs?|files?|date|(session|day|week|run|trial|take|batch|exp|experiment|"
     r"person|subject|participant|operator|user|robot|rig)[\s_-]*\w{0,3})",
     re.IGNORECASE,
 )
@@ -123,6 +122,14 @@ class FileSource(Stated):
     two_meanings: tuple[str, ...] | None = (
         None  # the refusal where it states no label: folders may mean two things
     )
+    name_label: str | None = None  # the label that its name says
+    n_alike: int = 1  # files of its kind in the folder that is read
+    is_only_label: bool = False  # `label_else` is that of all files in the folder, and may be no label
+
+    @property
+    def label_known(self) -> str | None:
+        """The label that is stated, or that the place says where it tells files apart."""
+        return self.label or (None if self.is_only_label else self.label_else)
 
 
 @dataclass
@@ -130,7 +137,7 @@ class FileContent:
     """What a reader found in a file: tables, or recordings that are complete already.
 
     `place` leads from a table (its number) and a row to what an error names: ``line=``, ``place=``; `in_python` from
-    methods of a data frame to the line that reads the table, mended by these.
+    methods of a data frame to the lines that read the table, mended by these.
     """
 
     tables: Sequence[Table] = ()
@@ -139,4 +146,4 @@ class FileContent:
     notes: list[str] = field(default_factory=list)
     history: Sequence[StepReport] = ()
     place: Callable[[int, int | None], dict[str, Any]] = lambda table, row: {}  # noqa: ARG005
-    in_python: Callable[[str], WayOut] = lambda mend: WayOut()  # noqa: ARG005
+    in_python: Callable[[str], Sequence[str]] = lambda mend: ()  # noqa: ARG005

@@ -45,6 +45,10 @@ _DATE = (
     r"(?:\d{4}[-_.]?\d\d[-_.]?\d\d|\d\d[-_.]\d\d[-_.]\d{4})(?:[T_ -]*\d\d[-_:.]?\d\d(?:[-_:.]?\d\d)?)?"
     r"|\d\d[-:]\d\d[-:]\d\d"
 )
+_MONTH = (
+    "(?:jan(?:uary)?|feb(?:ruary)?|mar(?:ch)?|apr(?:il)?|may|june?|july?|aug(?:ust)?|sept?(?:ember)?|oct(?:ober)?|"
+    "nov(?:ember)?|dec(?:ember)?)"
+)
 _NUMBER = re.compile(rf"(?:[\s_.-]+{_WORD})?[\s_.-]*\(?(?:{_DATE}|\d+)\)?$", re.IGNORECASE)
 """A number or a date at the end of a name, with the word that it counts: ``_run3``."""
 
@@ -54,6 +58,11 @@ _AHEAD = re.compile(rf"(?:{_WORD}[\s_.-]*\d+|{_DATE}|\d+)[\s_.-]+(?!{_SIZE})(?=\
 """The same ahead of a name: ``run3-``, ``2025-03-04_``, but not ``4_mm_``."""
 
 _DIGITS = re.compile(r"([0-9]+)")
+
+_ORDERED = re.compile(
+    rf"{SESSION_LIKE.pattern}|[a-z]?\d+|(?:{_DATE})|(?:{_MONTH}[\W_]*\d|\d+[\W_]*{_MONTH}).*", re.IGNORECASE
+)
+"""Names of folders that count or name days, persons or runs: of two levels the other one is the material first."""
 
 _NO_LABEL = frozenset(
     ("", "empty", "full", "missing", "left", "right", "slow", "fast", "before", "after", "raw")
@@ -96,8 +105,8 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
     known, stated = format_of(path), options.stated
     if known is not None:
         source = FileSource(path=path, root=path.resolve().parent, name=path.name, **stated)
-        is_told = options.label is not None or options.session is not None
-        source = _told(source, options, path.resolve(), alone=True) if is_told else source
+        is_stated = options.label is not None or options.session is not None
+        source = placed(source, options, path.resolve(), alone=True) if is_stated else source
         return Sources(known.what, [source])
     if not path.is_dir():
         wanted = "; ".join(known.what for known in FORMATS)
@@ -125,7 +134,7 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
         _label_by_place(path, found)
     if options.label is not None or options.session is not None:
         root = path.resolve()
-        found.files = [_told(one, options, root / one.path.relative_to(path)) for one in found.files]
+        found.files = [placed(one, options, root / one.path.relative_to(path)) for one in found.files]
     return found
 
 
@@ -161,34 +170,42 @@ def _walk(root: Path, found: Sources, stated: dict[str, Any]) -> None:
                 found.others.append(path.suffix or name)
         folders[:] = [name for name in folders if name in deeper]
     paths.sort(key=lambda one: one[0])
+    n_alike = Counter(path.suffix for _, path in paths)
     found.files = [
-        FileSource(path=path, root=root, name=path.relative_to(root).as_posix(), **stated)
+        FileSource(
+            path=path,
+            root=root,
+            name=path.relative_to(root).as_posix(),
+            name_label=label_of(path),
+            n_alike=n_alike[path.suffix],
+            **stated,
+        )
         for _, path in paths
     ]
 
 
-def _told(source: FileSource, options: LoadOptions, path: Path, *, alone: bool = False) -> FileSource:
+def placed(source: FileSource, options: LoadOptions, path: Path, *, alone: bool = False) -> FileSource:
     """Put in what the options say by the place of a file."""
-    told: dict[str, str] = {}
+    known: dict[str, str] = {}
     for what in ("label", "session"):
         rule = getattr(options, what)
         if rule is None:
             continue
-        told[f"{what}_place"] = rule
+        known[f"{what}_place"] = rule
         if rule == "file":  # a session is one file, whatever number it has
-            told[what] = label_of(path) or path.stem if what == "label" else _place_of(source)
+            known[what] = label_of(path) or path.stem if what == "label" else _place_of(source)
         elif rule in ("folder", "parent"):
             folder = path.parent if rule == "folder" else path.parent.parent
             if not alone and source.root.resolve() not in (folder, *folder.parents):
                 problem = f"{what}='parent', but there is no folder above its own in {source.root}"
                 raise RecordingFileError(source.path, problem)
-            told[what] = folder.name
+            known[what] = folder.name
             if what == "session" and not alone:  # a day of the same name may be another's
                 label_rule, root = options.label or "folder", source.root.resolve()
                 of_label = {"folder": path.parent, "parent": path.parent.parent}.get(label_rule)
                 above = [one for one in (folder, *folder.parents) if root in one.parents and one != of_label]
-                told[what] = "/".join(one.name for one in reversed(above)) or folder.name
-    return replace(source, **told)  # type: ignore[arg-type]
+                known[what] = "/".join(one.name for one in reversed(above)) or folder.name
+    return replace(source, **known)  # type: ignore[arg-type]
 
 
 def _place_of(source: FileSource) -> str:
@@ -219,8 +236,8 @@ def _indexed(root: Path, options: LoadOptions, walked: Sources) -> Sources:
             problem = f"{source.path.relative_to(root).as_posix()!r} is of no known format"
             found.problems.append(RecordingFileError(root / INDEX_NAME, problem, column="file"))
         else:
-            told = attempt(found.problems, _told, source, options, source.path.resolve())
-            found.files += [] if told is None else [told]
+            known = attempt(found.problems, placed, source, options, source.path.resolve())
+            found.files += [] if known is None else [known]
     if "label" not in columns:
         found.notes.append(f"index.csv has no column label (found: {', '.join(columns)})")
     others = [column for column in columns if column not in INDEX_COLUMNS]
@@ -241,9 +258,14 @@ def _label_by_place(root: Path, found: Sources) -> None:
     depths = {source.name.count("/") for source in found.files}
     if depths == {0}:
         found.layout = "label_*"
+        is_only = len({source.name_label for source in found.files}) == 1
         for i, source in enumerate(found.files):
-            label = label_of(source.path)
-            found.files[i] = replace(source, label_else=label, label_place="name of the file")
+            found.files[i] = replace(
+                source,
+                label_else=source.name_label,
+                label_place="name of the file",
+                is_only_label=is_only,
+            )
         unnamed = [source.name for source in found.files if source.label_else is None]
         if unnamed:
             problem = f"whose name gives no label ({unnamed[0]!r}): wanted {LAYOUTS}"
@@ -263,25 +285,33 @@ def _label_by_place(root: Path, found: Sources) -> None:
         first = "; where the first folder is the material"
         line = [first, index_line(root, firsts[0].path.suffix)] if min(depths) else []
         raise RecordingFileError(root, (problem, *ways, *line))
-    doubt = _no_materials(found) if depths == {1} else _two_levels(found.files[0]) if found.files else None
+    doubt = _no_materials(found) if depths == {1} else _two_levels(found.files) if found.files else None
+    is_only = len({source.path.parent for source in found.files}) == 1
     for i, source in enumerate(found.files):
         label = None if doubt else source.path.parent.name
-        found.files[i] = replace(source, label_else=label, label_place="folder", two_meanings=doubt)
+        found.files[i] = replace(
+            source, label_else=label, label_place="folder", two_meanings=doubt, is_only_label=is_only
+        )
 
 
-def _two_levels(first: FileSource) -> tuple[str, ...]:
+def _two_levels(files: Sequence[FileSource]) -> tuple[str, ...]:
+    """Say that either of two levels may be the material, first the one whose folders are no days, persons or runs."""
+    first = files[0]
     *above, outer, inner, _ = Path(first.name).parts
     top = ["; an index.csv says it, too"]
     if above:
         top = [f"; where {above[0]!r} is the material", index_line(first.root, first.path.suffix)]
-    return (
-        f"files lie in folders within folders ({first.name!r}), which may mean two things: {inner!r} is the material "
-        f"and {outer!r} the session: pass ",
-        in_both(label="folder", session="parent"),
-        f"; or {outer!r} is the material and {inner!r} the session: pass ",
-        in_both(label="parent", session="folder"),
-        *top,
-    )
+    readings = [(inner, outer, "folder", "parent"), (outer, inner, "parent", "folder")]
+    if all(_ORDERED.fullmatch(source.path.parent.name) for source in files) and not all(
+        _ORDERED.fullmatch(source.path.parent.parent.name) for source in files
+    ):
+        readings.reverse()
+    parts: list[str] = []
+    for material, other, label, session in readings:
+        reading = f"{material!r} is the material and {other!r} the session: pass "
+        parts += ["; or " * bool(parts) + reading, in_both(label=label, session=session)]
+    problem = f"files lie in folders within folders ({first.name!r}), which may mean two things: "
+    return (problem, *parts, *top)
 
 
 def _no_materials(found: Sources) -> tuple[str, ...] | None:
@@ -289,7 +319,7 @@ def _no_materials(found: Sources) -> tuple[str, ...] | None:
     files = found.files
     stems: dict[str, dict[str, None]] = {}
     for source in files:
-        stems.setdefault(source.path.parent.name, {})[(label_of(source.path) or "").lower()] = None
+        stems.setdefault(source.path.parent.name, {})[(source.name_label or "").lower()] = None
     names = list(stems)
     n_folders = Counter(stem for one in stems.values() for stem in one)
     shared = any(n > 1 for n in n_folders.values())
@@ -300,7 +330,7 @@ def _no_materials(found: Sources) -> tuple[str, ...] | None:
     if not (several and (shared or words)) and not all(SESSION_LIKE.fullmatch(name) for name in names):
         return None
     example = files[0].name
-    label = label_of(files[0].path) or files[0].path.stem
+    label = files[0].name_label or files[0].path.stem
     return (
         f"folders may be no materials ({example!r}): {names[0]!r} is the session and {label!r} the material: pass ",
         in_both(label="file", session="folder"),

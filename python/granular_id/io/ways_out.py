@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from granular_id._core import GranularIdError
 from granular_id._text import RATE, WayOut, alternatives, in_both, is_unknown
@@ -14,9 +14,11 @@ from granular_id.io.files import RecordingFileError
 from granular_id.io.source import FileSource, LoadOptions
 from granular_id.recording import AXES, Table, meaning_of
 
-_MODULES = ("dataclasses", "h5py", "io", "json", "numpy", "pandas", "pathlib", "scipy.io")
+_MODULES = ("dataclasses", "h5py", "io", "json", "numpy", "pandas", "pathlib", "re", "scipy.io")
 _READERS = {".xlsx": "read_excel", ".xls": "read_excel", ".ods": "read_excel", ".feather": "read_feather"}
 _MOST_STEPS = 4
+_NUMBERS = (r"[\W_]*\d+$", r"[\W_]+\(\d+\)$", r"[\W_\d]+$")
+"""What numbers files at the ends of their names: the first that gives the label of a file serves for those like it."""
 
 
 def in_python(*lines: str) -> WayOut:
@@ -33,7 +35,55 @@ def in_python(*lines: str) -> WayOut:
     return way
 
 
-def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> WayOut:
+def in_python_each(lines: Sequence[str], calls: Sequence[tuple[str, str]]) -> list[str]:
+    """Return lines of Python for each way to end them: the call that makes the data set, and what it assumes."""
+    parts: list[str] = []
+    for call, why in calls:
+        whole = in_python(*lines, call)
+        way = WayOut((f"; or data = {call}" if parts else whole) + (f", if {why}" if why else ""))
+        way.code, way.why = whole.code, why
+        parts.append(way)
+    return parts
+
+
+class Place(NamedTuple):
+    """What Python calls label and session of a file in a folder, and what that assumes."""
+
+    label: str
+    session: str | None
+    why: str
+
+
+def paths_line(source: FileSource) -> str:
+    """Return the line that finds all files like this one in the folder that is read."""
+    ending = "".join(source.path.suffixes[-2 if source.path.suffix == ".gz" else -1 :])
+    pattern = "*/" * source.name.count("/") + "*" + ending
+    return f"paths = sorted(pathlib.Path({str(source.root)!r}).glob({pattern!r}))"
+
+
+def places_of(source: FileSource) -> list[Place]:
+    """Return the readings of the place of one file of several; none where it is alone, or its place says no label."""
+    if source.n_alike == 1:
+        return []
+    stated = {"label": source.label_place, "session": source.session_place}
+    readings: list[Mapping[str, Any]] = [stated] if source.label or source.label_else else []
+    if source.two_meanings is not None:
+        readings = [part.options for part in source.two_meanings if isinstance(part, WayOut) and part.options]
+    ending = next((end for end in _NUMBERS if re.sub(end, "", source.path.stem) == source.name_label), None)
+    of_name = None if ending is None else f"re.sub(r{ending!r}, '', path.stem)".replace("\\\\", "\\")
+    calls = {"folder": "path.parent.name", "parent": "path.parent.parent.name"}
+    calls |= {} if of_name is None else {"file": of_name, "name of the file": of_name}
+    names = {"folder": source.path.parent.name, "parent": source.path.parent.parent.name}
+    found = []
+    for reading in readings:
+        label, session = reading["label"], calls.get(reading.get("session", ""))
+        if label in calls:
+            why = f"{names.get(label, source.name_label)!r} is a material" if len(readings) > 1 else ""
+            found.append(Place(calls[label], session, why))
+    return found
+
+
+def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> list[str]:
     """Return the line that reads a table by pandas, mended; of a folder it reads all files like this one.
 
     `opening` is the call that reads a file, with ``{}`` for its path; `mend` are methods of the frame.
@@ -51,20 +101,19 @@ def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> Wa
     words = "".join(f", {name}={value!r}" for name, value in given.items() if value is not None)
     if source.rate_hz is None and "time" not in given and not is_clock(list(table.columns)):
         words += f", rate_hz={RATE}"
-    places = {"folder": "path.parent.name", "parent": "path.parent.parent.name"}
-    where = places.get(source.label_place)
-    if source.path != source.root and where is not None and label is not None:
-        pattern = "*/" * source.name.count("/") + "*" + "".join(source.path.suffixes[-2:])
-        session = places.get(source.session_place)
-        words += f", sessions=[{session} for path in paths]" if session is not None else ""
-        return in_python(
-            f"paths = sorted(pathlib.Path({str(source.root)!r}).glob({pattern!r}))",
-            f"frames = [{opening.format('path')}{mend} for path in paths]",
-            f"Dataset.from_frames(frames, [{where} for path in paths]{words})",
-        )
-    labels = "" if label is None or "label" in given else f", [{label!r}]"
+    is_labelled = "label" in given or ".assign(label=" in mend
+    if places := places_of(source):
+        frames = f"frames = [{opening.format('path')}{mend} for path in paths]"
+        calls = []
+        for place in places[: 1 if is_labelled else None]:
+            labels = "" if is_labelled else f", [{place.label} for path in paths]"
+            sessions = "" if place.session is None else f", sessions=[{place.session} for path in paths]"
+            why = "" if is_labelled else place.why
+            calls.append((f"Dataset.from_frames(frames{labels}{words}{sessions})", why))
+        return in_python_each([paths_line(source), frames], calls)
+    labels = "" if label is None or is_labelled else f", [{label!r}]"
     frame = f"frame = {opening.format(repr(str(source.path)))}{mend}"
-    return in_python(frame, f"Dataset.from_frames(frame{labels}{words})")
+    return [in_python(frame, f"Dataset.from_frames(frame{labels}{words})")]
 
 
 def index_line(root: Path, ending: str) -> WayOut:
@@ -100,6 +149,14 @@ def with_all_wanted(
     """
     problems, last = [error.parts], error
     wanted, others = dict[str, Any](), list[dict[str, Any]]()
+
+    def refusal(way: Mapping[str, Any]) -> RecordingFileError | None:
+        try:
+            read(replace(options, **joined({"csv": options.csv} if options.csv else {}, way)))
+        except RecordingFileError as other:
+            return other
+        return None
+
     while last.ways and not last.in_python and len(problems) <= _MOST_STEPS:
         best = next((way for way in last.ways if not is_unknown(way)), last.ways[0])
         others = [
@@ -110,25 +167,31 @@ def with_all_wanted(
         if is_unknown(wanted):
             break
         try:
-            read(replace(options, **joined({"csv": options.csv} if options.csv else {}, wanted)))
+            next_one = refusal(wanted)
+        except GranularIdError:
             break
-        except GranularIdError as other:
-            if not isinstance(other, RecordingFileError) or other.parts in problems:
-                break
-            last = other
-            problems.append(other.parts)
-    if source.two_meanings is not None and source.two_meanings not in problems:
-        problems.append(source.two_meanings)
-        readings = [part.options for part in source.two_meanings if isinstance(part, WayOut) and part.options]
-        last = RecordingFileError(error.path, source.two_meanings)
+        if next_one is None or next_one.parts in problems:
+            break
+        last = next_one
+        problems.append(next_one.parts)
+    if len(problems) > 1:
+        others = [way for way in others if refusal(way) is None]
+    lines = [part for part in last.parts if isinstance(part, WayOut) and part.code]
+    doubt = source.two_meanings
+    if doubt is not None and doubt not in problems and not lines and "label" not in wanted:
+        problems.append(doubt)
+        readings = [part.options for part in doubt if isinstance(part, WayOut) and part.options]
+        lines = [part for part in doubt if isinstance(part, WayOut) and part.code]
         wanted, *others = [joined(wanted, way) for way in readings]
     if len(problems) == 1:
         return error
     plain = ["".join(_plain(part) for part in parts) for parts in problems]
-    both = alternatives(in_both(**way) for way in (wanted, *others))
-    lines = [part for part in last.parts if isinstance(part, WayOut) and part.code]
+    options_too = not last.in_python or last is error  # else lines hold what options alone do not read
+    both = (
+        ["; in all pass ", *alternatives(in_both(**way) for way in (wanted, *others))] if options_too else []
+    )
     place = {name: getattr(error, name) for name in ("line", "column", "place", "no_wrench")}
-    return RecordingFileError(error.path, ("; then: ".join(plain), "; in all pass ", *both, *lines), **place)
+    return RecordingFileError(error.path, ("; then: ".join(plain), *both, *lines), **place)
 
 
 def _plain(part: str) -> str:

@@ -11,6 +11,7 @@ from granular_id.recording.columns import (
     ABOUT as ABOUT,
     FLAGS as FLAGS,
     LABEL as LABEL,
+    LABEL_NAMES as LABEL_NAMES,
     RECORDING as RECORDING,
     SESSION as SESSION,
     TIME as TIME,

@@ -133,6 +133,9 @@ RATE, FLAGS = "rate_hz", "sample_flags"
 ABOUT = (TIME, RECORDING, LABEL, SESSION, RATE, FLAGS)
 """What a column may be besides an axis; flags only in files that are written here: ``flags`` may be anything."""
 
+LABEL_NAMES = re.compile(r"(y|labels?|materials?|targets?|class|classes|name)($|[_\d])", re.IGNORECASE)
+"""Names of labels in files of others, for ways out only: people see what they type."""
+
 TIMES = (
     "time",
     *["t", "timestamp", "timestamps", "stamp", "ts", "datetime", "seconds", "sec", "secs", "xvalue"],

@@ -30,6 +30,7 @@ from granular_id.recording.clock import (
 from granular_id.recording.columns import (
     FLAGS,
     LABEL,
+    LABEL_NAMES,
     NANOSECONDS,
     RATE,
     RECORDING,
@@ -57,6 +58,7 @@ from granular_id.recording.recording import (
 )
 
 _MOST_OFFERED = 3
+_ID_END = r"[\W_]*\d*(\.\w+)?$"
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,8 @@ class Made:
     recordings: list[Recording] = field(default_factory=list)
     rows: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    may_be_labels: Sequence[str] = ()  # columns that are not read, where nothing in the table says the labels
+    label_mend: str = ""  # the method of a data frame that makes labels of the ids, where no column may be it
 
     @property
     def totals(self) -> dict[str, int]:
@@ -126,6 +130,9 @@ def to_recordings(table: Table, stated: Stated) -> Made:
     if RECORDING in picked.columns:
         parts = _parts(picked, table.name)
     made = Made(notes=picked.notes)
+    if RECORDING in picked.columns and LABEL not in picked.columns and table.label is None:
+        made.may_be_labels = _label_columns(table, picked, [rows for rows, _ in parts])
+        made.label_mend = "" if made.may_be_labels else _labels_of_ids(picked)
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
         made.recordings.append(part.recording())
@@ -305,6 +312,31 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
     return [(rows[i], names[i]) for i in np.argsort(firsts, kind="stable").tolist()]
 
 
+def _label_columns(table: Table, picked: Picked, parts: Sequence[NDArray[np.intp]]) -> list[str]:
+    """Return the columns that may be the labels: each recording has one text there, and some have the same."""
+    found: list[str] = []
+    for name, cells in table.columns.items():
+        if name in picked.called.values() or not (cells.dtype.kind in "OUT" or LABEL_NAMES.match(name)):
+            continue
+        kinds = [set(_texts_of(cells[rows]).tolist()) for rows in parts]
+        every = set().union(*kinds)
+        if all(len(one) == 1 for one in kinds) and 1 < len(every) < len(parts) and "" not in every:
+            found.append(name)
+    return found
+
+
+def _labels_of_ids(picked: Picked) -> str:
+    """Return the method that makes labels of ids as ``rice_3`` or ``rice_3.csv``; nothing where these are no names."""
+    name, cells = picked.called[RECORDING], picked.columns[RECORDING]
+    every = set(_texts_of(cells).tolist())
+    stems = {re.sub(_ID_END, "", text) for text in every}
+    if cells.dtype.kind not in "OUT" or "" in stems or not 1 < len(stems) < len(every):
+        return ""
+    return f".assign(label=lambda f: f[{name!r}].str.replace(r{_ID_END!r}, '', regex=True))".replace(
+        "\\\\", "\\"
+    )
+
+
 def _texts_of(values: NDArray[Any]) -> NDArray[np.str_]:
     return np.array([cell_text(value) for value in values.tolist()], dtype=np.str_)
 
@@ -478,18 +510,7 @@ class _Part:
         ids = [name for name, changes in others.items() if changes and changes | known == begins]
         if not ids:
             return (), f".assign(recording=lambda f: (f[{self._picked.called[TIME]!r}].diff() < 0).cumsum())"
-        way = {"id": ids[0]}
-        if label is None and self._stated.label is None and self._stated.label_else is None:
-            texts = {
-                name: len(set(self._table.columns[name].tolist()))
-                for name, changes in others.items()
-                if name != ids[0] and changes <= begins and self._table.columns[name].dtype.kind == "O"
-            }
-            if not texts and self._table.columns[ids[0]].dtype.kind == "O":  # of names of files
-                names = f"f[{ids[0]!r}].str.replace(r'[\\W_]*\\d*(\\.\\w+)?$', '', regex=True)"
-                return (), f".assign(recording=lambda f: f[{ids[0]!r}], label=lambda f: {names})"
-            way |= {"label": f"column:{min(texts, key=texts.__getitem__)}"} if texts else {}
-        return ("; pass ", in_both(**way)), ""
+        return ("; pass ", in_both(id=ids[0])), ""
 
     def _no_clock(self) -> list[str]:
         """Say that no rate is known, and which columns may be a clock."""

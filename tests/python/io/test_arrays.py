@@ -336,10 +336,91 @@ def test_pickled_objects_have_a_line_for_who_wrote_them(tmp_path, ending):
     assert [len(one.wrench) for one in run(*lines_of(problem))] == [50, 40]
 
 
-def test_labels_under_another_name_are_not_passed_over(tmp_path):
-    np.savez(tmp_path / "a.npz", X=X, labels=LABELS, fs=500)
-    (way,) = options_of(tmp_path / "a.npz")
-    assert load(tmp_path / "a.npz", **way).y.tolist() == LABELS
+SIX = np.random.default_rng(3).normal(size=(6, 50, 6))
+OF_SIX = ["rice", "peas", "oats"] * 2
+NO_Y = {
+    "labels beside X": ({"X": SIX, "labels": OF_SIX}, ["label=column:labels"]),
+    "another name of both": ({"recs": SIX, "targets": OF_SIX}, ["array=recs label=column:targets"]),
+    "texts of any name": ({"X": SIX, "powder": OF_SIX}, ["label=column:powder"]),
+    "in a group": ({"recs": SIX, "about": {"powder": OF_SIX}}, ["array=recs label=column:about/powder"]),
+    "names of recordings beside": (
+        {"recs": SIX, "ids": list("abcdef"), "powder": OF_SIX},
+        ["array=recs label=column:powder"],
+    ),
+    "two texts": (
+        {"recs": SIX, "operator": ["anna", "bert", "anna"] * 2, "powder": OF_SIX},
+        ["array=recs label=column:powder", "array=recs label=column:operator"],
+    ),
+    "structs": (
+        {"set": [{"ft": x, "material": y} for x, y in zip(SIX, OF_SIX, strict=True)]},
+        ["array=ft label=column:material"],
+    ),
+    "structs of any name": (
+        {"set": [{"ft": x, "stoff": y, "rig": "b"} for x, y in zip(SIX, OF_SIX, strict=True)]},
+        ["array=ft label=column:stoff"],
+    ),
+}
+
+
+@pytest.mark.parametrize("in_folder", [True, False])
+@pytest.mark.parametrize(
+    ("case", "form"), [(case, form) for case, (tree, _) in NO_Y.items() for form in formats_of(tree)]
+)
+def test_labels_of_another_name_are_in_the_way_out(tmp_path, case, form, in_folder):
+    tree, expected = NO_Y[case]
+    path = written({**tree, "fs": 500}, form, tmp_path)
+    path = tmp_path if in_folder else path
+    found = options_of(path)
+    said = [" ".join(f"{name}={value}" for name, value in way.items() if name != "rate_hz") for way in found]
+    assert said == expected
+    data = load(path, **found[0])
+    assert data.y.tolist() == OF_SIX
+    assert np.array_equal(data.X, SIX)
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_texts_beside_another_order_are_its_labels(tmp_path, form):
+    tree = {"recs": SIX[:5].transpose(1, 0, 2), "powder": ["rice", "peas", "oats", "rice", "peas"], "fs": 500}
+    written(tree, form, tmp_path)
+    data = run(*lines_of(refusal(tmp_path)))
+    assert data.y.tolist() == tree["powder"]
+    assert np.array_equal(data.X, SIX[:5])
+
+
+PARTS = {
+    "axes first": lambda w: {"ft": w.T},
+    "forces and torques": lambda w: {"force": w[:, :3], "torque": w[:, 3:]},
+    "vectors": lambda w: dict(zip(AXES, w.T, strict=True)),
+    "a cell without a number": lambda w: {"X": np.where(np.arange(300).reshape(50, 6) == 8, np.nan, w)},
+}
+LAYOUTS = ["{name}/{i}", "{name}_{i}", "{name}/2025-03-0{i}/a", "2025-03-0{i}/{name}/a"]
+
+
+@pytest.mark.parametrize("form", WRITERS)
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("case", PARTS)
+def test_one_file_a_recording_is_read_with_all_like_it(tmp_path, case, layout, form):
+    wanted = {}
+    for k, (name, i) in enumerate((name, i) for name in ("peas", "rice") for i in (1, 2)):
+        path = tmp_path / f"{layout.format(name=name, i=i)}.{form.removeprefix('v73.')}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        WRITERS[form]({**PARTS[case](X[k]), "fs": 500}, path)
+        wanted[X[k, 9, 0]] = name
+    data = run(lines_of(refusal(tmp_path))[0])
+    at = 8 if "cell" in case else 9  # the sample that is left out stands before
+    assert {one.wrench[at, 0]: one.label for one in data} == wanted
+    assert len(set(data.sessions)) == (2 if "2025" in layout else 1)
+
+
+def test_axes_that_fit_twice_are_named_in_a_note(tmp_path):
+    for values, said in (
+        (SIX, "X (6, 50, 6) is read as 6 recordings, 50 samples and 6 axes"),
+        (X[:, :6], "X (4, 6, 6) is read as 4 recordings, 6 samples and 6 axes"),
+        (X, None),
+    ):
+        np.savez(tmp_path / "a.npz", X=values, y=LABELS if len(values) == 4 else OF_SIX, fs=500)
+        notes = load(tmp_path / "a.npz").history[-1].notes
+        assert any(note.startswith(said) for note in notes) if said else "is read as" not in "".join(notes)
 
 
 def test_counted_runs_are_no_labels(tmp_path):
@@ -367,6 +448,8 @@ def test_what_is_no_array_file_has_its_own_sentence(tmp_path, ending):
 def test_rows_of_one_recording_each_have_both_readings(tmp_path, n):
     whole = np.random.default_rng(2).normal(size=(n, 50, 6))
     np.savez(tmp_path / "a.npz", X=whole.transpose(0, 2, 1).reshape(n, -1), y=["a", "b"] * (n // 2), fs=500)
-    by_axis, by_sample = map(run, lines_of(refusal(tmp_path / "a.npz")))
+    problem = refusal(tmp_path / "a.npz")
+    assert "only you know which is right" in problem
+    by_axis, by_sample = map(run, lines_of(problem))
     np.testing.assert_array_equal(by_axis.X, whole)
     assert by_sample.X.shape == whole.shape

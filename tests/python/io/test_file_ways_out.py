@@ -138,12 +138,24 @@ LONG = {
     "runs counted anew": {"run": lambda i, name: i // 2, "material": lambda i, name: name},
     "nothing but the material": {"material": lambda i, name: name},
     "names of files": {"file": lambda i, name: f"{name}_{i}.csv"},
+    "trial and material": {"trial": lambda i, name: i, "powder": lambda i, name: name},
+    "trials of names": {"trial": lambda i, name: f"{name}_{i}"},
+    "person and material": {
+        "no": lambda i, name: i,
+        "operator": lambda i, name: "anna" if i < 2 else "bert",
+        "powder": lambda i, name: name,
+    },
+    "material as a number": {
+        "trial": lambda i, name: i,
+        "class_id": lambda i, name: ("rice", "peas").index(name),
+    },
 }
 
 
+@pytest.mark.parametrize("alone", [True, False])
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 @pytest.mark.parametrize("case", LONG)
-def test_what_a_long_table_prints_tells_recordings_apart(tmp_path, case, ending):
+def test_what_a_long_table_prints_gives_recordings_and_labels(tmp_path, case, ending, alone):
     labels = ["rice", "peas"] * 2
     parts = [
         table(W + i).assign(**{key: value(i, name) for key, value in LONG[case].items()})
@@ -152,9 +164,44 @@ def test_what_a_long_table_prints_tells_recordings_apart(tmp_path, case, ending)
     whole = pd.concat(parts, ignore_index=True)
     path = tmp_path / f"all.{ending}"
     whole.to_csv(path, index=False) if ending == "csv" else whole.to_parquet(path)
-    data, n = next(ways(path, {}))
-    assert (data.y.tolist(), n) == (labels, 1)
+    data, n = next(ways(path if alone else tmp_path, {}))
+    known = ["0", "1"] * 2 if case == "material as a number" else labels
+    assert (data.y.tolist(), n) == (known, 1)
     np.testing.assert_allclose(data.X, [W + i for i in range(4)], atol=1e-9)
+
+
+def test_several_columns_that_may_be_labels_are_all_offered(tmp_path):
+    whole = pd.concat(
+        [
+            table(W + i).assign(trial=i, day="ab"[i // 2], powder=name)
+            for i, name in enumerate(["rice", "peas"] * 2)
+        ]
+    )
+    whole.to_csv(tmp_path / "all.csv", index=False)
+    offered = [way["label"] for way in options_of(tmp_path)]
+    assert offered == ["column:powder", "column:day", "file"]
+    assert load(tmp_path, label="file").labels == ("all",)
+
+
+def test_labels_by_several_files_win_over_columns(tmp_path):
+    for name in ("rice", "peas"):
+        whole = pd.concat([table(W + i).assign(trial=i, rig="ab"[i // 2]) for i in range(4)])
+        whole.to_csv(tmp_path / f"{name}.csv", index=False)
+    assert load(tmp_path).y.tolist() == ["peas"] * 4 + ["rice"] * 4
+
+
+@pytest.mark.parametrize(
+    "layout", ["{name}_{i}", "{name}/{i}", "{name}/2025-03-0{i}/1", "2025-03-0{i}/{name}/1"]
+)
+def test_a_mended_table_is_read_with_all_like_it(tmp_path, layout):
+    for name in ("rice", "peas"):
+        for i in (1, 2):
+            path = tmp_path / f"{layout.format(name=name, i=i)}.csv"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("\n".join([*with_cell(7, "fz", "OVERLOAD"), ""]))
+    data = run(lines_of(refusal(tmp_path))[0])
+    assert sorted(data.y.tolist()) == ["peas", "peas", "rice", "rice"]
+    assert len(set(data.sessions)) == (2 if "2025" in layout else 1)
 
 
 def test_all_that_an_export_in_two_levels_wants_is_said_at_once(tmp_path):
@@ -169,7 +216,7 @@ def test_all_that_an_export_in_two_levels_wants_is_said_at_once(tmp_path):
     ]
     assert [shlex.split(one) for one in in_all] == [
         ["--csv", "skiprows=3", "--recorded-hz", "RATE", "--label", label, "--session", session]
-        for label, session in (("folder", "parent"), ("parent", "folder"))
+        for label, session in (("parent", "folder"), ("folder", "parent"))
     ]
     data = load(tmp_path, csv={"skiprows": 3}, rate_hz=RATE, label="parent", session="folder")
     assert (data.labels, data.X.shape) == (("peas", "rice"), (2, 60, 6))

@@ -106,6 +106,36 @@ def test_folders_of_two_meanings_are_refused_and_both_ways_out_work(tmp_path, pa
     assert load(tmp_path).labels == ("oats",)
 
 
+ORDERED = [
+    "2025-03-01",
+    "20250301",
+    "1",
+    "day3",
+    "session_2",
+    "run1",
+    "s1",
+    "march_4",
+    "01.03.2025",
+    "2025-03-01_10-11",
+    "raw",
+]
+NAMES = ["barley", "fine_salt", "mat01"]
+
+
+@pytest.mark.parametrize("other", ORDERED)
+@pytest.mark.parametrize("material", NAMES)
+def test_folders_that_count_are_first_read_as_sessions(tmp_path, material, other):
+    below = tree(tmp_path / "below", f"{material}/{other}/1.csv")
+    above = tree(tmp_path / "above", f"{other}/{material}/1.csv")
+    for folder, label, session in ((below, "parent", "folder"), (above, "folder", "parent")):
+        with pytest.raises(RecordingFileError) as caught:
+            load(folder)
+        assert caught.value.ways == [
+            {"label": label, "session": session},
+            {"label": session, "session": label},
+        ]
+
+
 def test_days_of_two_persons_are_two_sessions(tmp_path):
     tree(tmp_path, *(f"{who}/{day}/rice/1.csv" for who in ("anna", "bert") for day in ("d1", "d2")))
     data = load(tmp_path, label="folder", session="parent")
@@ -190,6 +220,7 @@ def test_index_says_it_all(tmp_path):
     [
         ("", None, "is empty"),
         ("label\nrice\n", 1, "no column 'file'"),
+        ("path,filename\na.csv,a.csv\n", 1, "no column 'file'"),
         ("file,file\na.csv,a.csv\n", 1, "occurs twice"),
         ("file\n", 2, "lists no file"),
         ("file,label\na.csv\n", 2, "1 cells; wanted 2"),
@@ -215,6 +246,13 @@ def test_bad_index_is_refused_by_line(tmp_path, text, line, problem):
     with pytest.raises(RecordingFileError, match=problem) as caught:
         load(tmp_path)
     assert caught.value.line == line
+
+
+@pytest.mark.parametrize("name", ["filename", "File Name", "file_path", "path"])
+def test_index_names_its_files_by_usual_words(tmp_path, name):
+    tree(tmp_path, "a.csv", "b.csv")
+    (tmp_path / "index.csv").write_text(f"{name},class\na.csv,rice\nb.csv,peas\n")
+    assert load(tmp_path, label="meta:class").y.tolist() == ["rice", "peas"]
 
 
 def test_start_times_of_the_index_may_be_dates(tmp_path):
