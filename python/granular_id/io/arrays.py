@@ -234,11 +234,12 @@ class _Reading:
 
     def refuse_labels_unread(self, tables: Sequence[Table]) -> None:
         """Refuse arrays whose labels nothing says, but perhaps an array, field or attribute that is not read."""
-        known = any(table.label for table in tables) or self._source.label_known is not None
-        if known or self._options.label is not None:
+        stated = self._source.label is not None or self._options.label is not None
+        if not self._offers or stated or any(table.label for table in tables):
             return
-        rules = [rule for rule, _ in self.remedy.label_rules(self._options, self._tables_by) if rule]
-        if rules:
+        every = [rule or "" for rule, _ in self.remedy.label_rules(self._options, self._tables_by)]
+        rules = [rule for rule in every if rule.startswith("column:")]
+        if rules and (len(tables) > 1 or self._source.label_known is None):
             names = ", ".join(repr(rule.removeprefix("column:")) for rule in rules)
             raise self.fault(f"{names:.200} may be the labels, which are read from 'y' only")
 
@@ -260,6 +261,10 @@ class _Reading:
         if values.ndim != 3 or self._options.array is not None or any(label):
             return
         if values.shape[0] > values.shape[1]:
+            if self.remedy.has_labels(values.shape[1]):
+                raise self.fault(
+                    f"{one.path} {values.shape} has more recordings than samples, and labels for these"
+                )
             order = f"{one.path} {values.shape} would be {values.shape[0]} recordings of {values.shape[1]} samples"
             raise self.fault(f"{order}; if that is so, pass ", in_both(array=one.path))
 
@@ -325,7 +330,7 @@ class _Reading:
         """Read the file with other options, for a way out."""
         again = _Reading(self._tree, self._source, options, self._how, offers=False)
         tables = [table for one in again.found()[0] for table in again.tables(one)]
-        return [replace(table, label=table.label or self._source.label_known) for table in tables]
+        return [replace(table, label=table.label or self._source.label) for table in tables]
 
 
 def _leaves(node: Any, path: str, chain: Chain, depth: int = 0) -> Iterator[Found]:

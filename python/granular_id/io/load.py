@@ -17,7 +17,7 @@ from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import alternatives, counted, in_both
 from granular_id.io.files import RecordingFileError, check_place, failed
 from granular_id.io.index import INDEX_NAME
-from granular_id.io.source import SESSION_LIKE, FileContent, FileSource, LoadOptions
+from granular_id.io.source import FileContent, FileSource, LoadOptions, likeliest_first
 from granular_id.io.sources import find_sources, format_of, listed, placed
 from granular_id.io.ways_out import with_all_wanted
 from granular_id.recording import Dataset, Made, StepReport, TableError, restated, to_recordings
@@ -155,7 +155,9 @@ def load(
         csv,
     )
     reading = _Reading(path, options)
-    return reading.dataset(list(reading.files(progress, parts=False)))
+    reads = list(reading.files(progress, parts=False))
+    reading.refuse_labels_unread(reads)
+    return reading.dataset(reads)
 
 
 def load_parts(
@@ -326,6 +328,18 @@ class _Reading:
                 error.skippable = not doubt and (not whole or self._reads_another(source))
                 raise error from cause
 
+    def refuse_labels_unread(self, reads: Sequence[_Read]) -> None:
+        """Refuse files of one recording each that one column may label, where their places say nothing or one thing."""
+        for read in reads:
+            labels = {recording.label for recording in read.recordings}
+            stated = read.source.label_known is not None or read.source.label_from is not None
+            if stated or labels - {None, read.source.label_else}:
+                return
+        names = [name for name in reads[0].may_be_labels if all(name in read.may_be_labels for read in reads)]
+        texts = {name: [text for read in reads for text in read.may_be_labels[name]] for name in names}
+        if ways := _ways_to_labels(texts, reads[0].source):
+            raise RecordingFileError(self._root, ways)
+
     def _complete(self, error: RecordingFileError, source: FileSource) -> RecordingFileError:
         return with_all_wanted(error, source, self._options, partial(_tried, source))
 
@@ -397,8 +411,8 @@ def _made(content: FileContent, source: FileSource) -> _Read:
             place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
             lines = content.in_python(error.mend) if error.mend else []
             raise RecordingFileError(source.path, [*error.parts, *lines], **place) from error
-        if source.label_known is None and source.label_from is None:
-            _refuse_labels_unread(made, content, source)
+        _refuse_labels_unread(made, content, source)
+        read.may_be_labels = made.may_be_labels
         read.recordings += made.recordings
         read.rows += made.rows
         read.notes += [note for note in made.notes if note not in read.notes]
@@ -412,17 +426,25 @@ def _made(content: FileContent, source: FileSource) -> _Read:
 
 
 def _refuse_labels_unread(made: Made, content: FileContent, source: FileSource) -> None:
-    """Refuse a table of several recordings whose labels nothing says, but perhaps a column that is not read."""
-    of_place = in_both(label="folder" if source.label_place == "folder" else "file")
-    if made.may_be_labels:
-        columns = sorted(made.may_be_labels, key=lambda name: SESSION_LIKE.fullmatch(name) is not None)
-        ways = alternatives(in_both(label=f"column:{name}") for name in columns)
-        several = ", ".join(map(repr, columns))
-        problem = f"labels are read from columns 'label' and 'material'; {several} may hold them: pass "
-        raise RecordingFileError(source.path, (problem, *ways, "; else ", of_place))
+    """Refuse a table of several recordings whose labels nothing states, but perhaps a column that is not read."""
+    if source.label is not None or source.label_from is not None:
+        return
+    if ways := _ways_to_labels(made.may_be_labels, source):
+        raise RecordingFileError(source.path, ways)
     if made.label_mend:
-        problem = f"ids of recordings may hold their labels; if not, pass {of_place}"
+        problem = f"ids of recordings may hold their labels; if not, pass {in_both(label=source.place_rule)}"
         raise RecordingFileError(source.path, (problem, *content.in_python(made.label_mend)))
+
+
+def _ways_to_labels(texts: Mapping[str, Sequence[str]], source: FileSource) -> list[str]:
+    """Say which columns may hold the labels: those with one value for several recordings, but not for all."""
+    kinds = {f"column:{name}": set(each) for name, each in texts.items() if 1 < len(set(each)) < len(each)}
+    if not kinds:
+        return []
+    names = ", ".join(repr(rule.removeprefix("column:")) for rule in kinds)
+    problem = f"labels are read from columns 'label' and 'material', and {names} may hold them: pass "
+    rules = likeliest_first({**kinds, source.place_rule: range(source.n_labels)})
+    return [problem, *alternatives(in_both(label=rule) for rule in rules)]
 
 
 def _place_note(what: str, reads: Sequence[_Read], alone: bool) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby, permutations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from granular_id._text import RATE, alternatives, in_both
 from granular_id.io.files import RecordingFileError
-from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions
+from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions, likeliest_first
 from granular_id.io.ways_out import in_python_each, paths_line, places_of
 from granular_id.recording import AXES, LABEL_NAMES, Table, meaning_of
 
@@ -260,7 +260,8 @@ class Remedy:
                 way["rate_hz"] = RATE if rate is None else float(np.ravel(rate.leaf.read())[0])
             if rule is not None and self._given.label is None:
                 way["label"] = rule
-            found.append((way, (rule or _OWN) if all(table.label for table in tables) else None))
+            known = rule or self._source.label_known or all(table.label for table in tables)
+            found.append((way, (rule or _OWN) if known else None))
         return found
 
     def label_rules(
@@ -298,7 +299,11 @@ class Remedy:
             if tables and None not in labels and (is_called or 1 < len(labels) < len(tables)):
                 found[name] = (rule, tables)
         named = [name for name in found if LABEL_NAMES.match(name)] or found
-        return [found[name] for name in sorted(named, key=_is_session)] or plain
+        kinds: dict[str, Collection[Any]] = {name: {one.label for one in found[name][1]} for name in named}
+        if plain and found and named is found and self._source.label_known is not None:
+            place = self._source.place_rule
+            found[place], kinds[place] = (place, plain[0][1]), range(self._source.n_labels)
+        return [found[name] for name in likeliest_first(kinds)] or plain
 
     # lines of Python
 
@@ -308,7 +313,11 @@ class Remedy:
         named = [one for one in every if LABEL_NAMES.match(one.name)]
         for one in named or every:  # y_train and y_test are the labels of parts
             same.setdefault(one.name.partition("_")[0] if named else one.name, []).append(one)
-        for name in sorted(same, key=_is_session) or [""]:
+        kinds = {
+            name: {str(text) for one in each for text in np.ravel(one.leaf.read())}
+            for name, each in same.items()
+        }
+        for name in likeliest_first(kinds) or [""]:
             self._labels = same.get(name, [])
             calls += self._of_parts() or self._flat() or self._turned() or self._listed()
         self._labels = every
@@ -362,6 +371,10 @@ class Remedy:
         turned = [".T" * (one.leaf.shape[-1] != len(self._known)) for one in arrays]
         items = [("*" * (len(one.leaf.shape) == 3)) + self._how.item(one) for one in arrays]
         return f"[{', '.join(map(str.__add__, items, turned))}]"
+
+    def has_labels(self, n: int) -> bool:
+        """Whether an array may hold the labels of n recordings."""
+        return bool(self._label_beside(n))
 
     def _label_beside(self, n: int) -> str:
         """Return the labels of n recordings in one array; of flags (n, labels) the places."""
@@ -463,10 +476,10 @@ class Remedy:
             return []
         shape, usual = one.leaf.shape, (0, 1, 2)
         orders = [order for order in permutations(usual) if shape[order[-1]] == len(self._known)]
-        ways = [
-            (order, y) for order in orders if order != usual and (y := self._label_beside(shape[order[0]]))
-        ]
-        if not ways:
+        ways = [(order, y) for order in orders if (y := self._label_beside(shape[order[0]]))]
+        if ways and ways[0][0] == usual:
+            ways = ways if len(ways) > 1 else []  # in which case it is no other order
+        elif not ways:
             best = min(orders, key=lambda order: (-order[-1], shape[order[0]]))
             ways = [(best, "")] if best != usual else []
         return [
@@ -502,10 +515,6 @@ class Remedy:
         ]
         fits = [two for two in near if np.prod(two.leaf.shape) == n]
         return self._how.label(fits[0]) if fits and (ending or n > 1) else ""
-
-
-def _is_session(name: str) -> bool:
-    return SESSION_LIKE.fullmatch(name) is not None
 
 
 def label_levels(paths: Sequence[str], *, own: bool = False) -> list[list[str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -38,6 +38,20 @@ SESSION_LIKE = re.compile(
     re.IGNORECASE,
 )
 """Names of folders, or groups, that are most likely no material."""
+
+
+def likeliest_first(values: Mapping[str, Collection[Any]]) -> list[str]:
+    """Sort what may be labels, names with their values: days and persons last, of others those with more values."""
+
+    def key(name: str) -> tuple[bool, int]:
+        texts = [str(value) for value in values[name]]
+        is_session = SESSION_LIKE.fullmatch(name.removeprefix("column:")) or all(
+            map(SESSION_LIKE.fullmatch, texts)
+        )
+        return bool(is_session), -len(texts)
+
+    return sorted(values, key=key)
+
 
 _CHOICES = {
     "on_error": ("raise", "skip"),
@@ -124,12 +138,17 @@ class FileSource(Stated):
     )
     name_label: str | None = None  # the label that its name says
     n_alike: int = 1  # files of its kind in the folder that is read
-    is_only_label: bool = False  # `label_else` is that of all files in the folder, and may be no label
+    n_labels: int = 1  # what the places of all files say; one that is that of all may be no label
 
     @property
     def label_known(self) -> str | None:
         """The label that is stated, or that the place says where it tells files apart."""
-        return self.label or (None if self.is_only_label else self.label_else)
+        return self.label or (self.label_else if self.n_labels > 1 else None)
+
+    @property
+    def place_rule(self) -> str:
+        """The value of `label` that means its place."""
+        return "folder" if self.label_place == "folder" else "file"
 
 
 @dataclass

@@ -258,13 +258,13 @@ def _label_by_place(root: Path, found: Sources) -> None:
     depths = {source.name.count("/") for source in found.files}
     if depths == {0}:
         found.layout = "label_*"
-        is_only = len({source.name_label for source in found.files}) == 1
+        n_labels = len({source.name_label for source in found.files})
         for i, source in enumerate(found.files):
             found.files[i] = replace(
                 source,
                 label_else=source.name_label,
                 label_place="name of the file",
-                is_only_label=is_only,
+                n_labels=n_labels,
             )
         unnamed = [source.name for source in found.files if source.label_else is None]
         if unnamed:
@@ -286,11 +286,11 @@ def _label_by_place(root: Path, found: Sources) -> None:
         line = [first, index_line(root, firsts[0].path.suffix)] if min(depths) else []
         raise RecordingFileError(root, (problem, *ways, *line))
     doubt = _no_materials(found) if depths == {1} else _two_levels(found.files) if found.files else None
-    is_only = len({source.path.parent for source in found.files}) == 1
+    n_labels = len({source.path.parent for source in found.files})
     for i, source in enumerate(found.files):
         label = None if doubt else source.path.parent.name
         found.files[i] = replace(
-            source, label_else=label, label_place="folder", two_meanings=doubt, is_only_label=is_only
+            source, label_else=label, label_place="folder", two_meanings=doubt, n_labels=n_labels
         )
 
 

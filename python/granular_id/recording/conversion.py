@@ -108,7 +108,9 @@ class Made:
     recordings: list[Recording] = field(default_factory=list)
     rows: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    may_be_labels: Sequence[str] = ()  # columns that are not read, where nothing in the table says the labels
+    may_be_labels: Mapping[str, list[str]] = field(default_factory=dict)
+    """Columns that are not read, with their text of each recording, where nothing in the table says the labels."""
+
     label_mend: str = ""  # the method of a data frame that makes labels of the ids, where no column may be it
 
     @property
@@ -130,9 +132,9 @@ def to_recordings(table: Table, stated: Stated) -> Made:
     if RECORDING in picked.columns:
         parts = _parts(picked, table.name)
     made = Made(notes=picked.notes)
-    if RECORDING in picked.columns and LABEL not in picked.columns and table.label is None:
+    if LABEL not in picked.columns and table.label is None:
         made.may_be_labels = _label_columns(table, picked, [rows for rows, _ in parts])
-        made.label_mend = "" if made.may_be_labels else _labels_of_ids(picked)
+        made.label_mend = _labels_of_ids(picked)
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
         made.recordings.append(part.recording())
@@ -312,21 +314,22 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
     return [(rows[i], names[i]) for i in np.argsort(firsts, kind="stable").tolist()]
 
 
-def _label_columns(table: Table, picked: Picked, parts: Sequence[NDArray[np.intp]]) -> list[str]:
-    """Return the columns that may be the labels: each recording has one text there, and some have the same."""
-    found: list[str] = []
+def _label_columns(table: Table, picked: Picked, parts: Sequence[NDArray[np.intp]]) -> dict[str, list[str]]:
+    """Return the columns that may be labels: of texts, or called so, with one value a recording."""
+    found: dict[str, list[str]] = {}
     for name, cells in table.columns.items():
         if name in picked.called.values() or not (cells.dtype.kind in "OUT" or LABEL_NAMES.match(name)):
             continue
         kinds = [set(_texts_of(cells[rows]).tolist()) for rows in parts]
-        every = set().union(*kinds)
-        if all(len(one) == 1 for one in kinds) and 1 < len(every) < len(parts) and "" not in every:
-            found.append(name)
+        if all(len(one) == 1 and one != {""} for one in kinds):
+            found[name] = [text for one in kinds for text in one]
     return found
 
 
 def _labels_of_ids(picked: Picked) -> str:
     """Return the method that makes labels of ids as ``rice_3`` or ``rice_3.csv``; nothing where these are no names."""
+    if RECORDING not in picked.columns:
+        return ""
     name, cells = picked.called[RECORDING], picked.columns[RECORDING]
     every = set(_texts_of(cells).tolist())
     stems = {re.sub(_ID_END, "", text) for text in every}

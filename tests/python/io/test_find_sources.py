@@ -119,7 +119,7 @@ ORDERED = [
     "2025-03-01_10-11",
     "raw",
 ]
-NAMES = ["barley", "fine_salt", "mat01"]
+NAMES = ("barley", "fine_salt", "mat01", "marble_1")
 
 
 @pytest.mark.parametrize("other", ORDERED)
