@@ -1,4 +1,4 @@
-"""The convention for arrays in files (NPZ, MATLAB, HDF5), and what to do with all that is kept otherwise.
+"""The convention for arrays in files (NPZ, MATLAB, HDF5), and what to do with all that is stored otherwise.
 
 Either ``X`` (recordings, samples, axes), or a list of (samples, axes), with ``y``, ``fs`` or ``rate_hz`` and perhaps
 ``session``, ``name``, ``lengths``, ``axes``, ``units`` and ``t`` (s); or one array (samples, axes) a recording, named
@@ -82,20 +82,20 @@ class _Reading:
 
     def found(self) -> tuple[list[Found], list[str]]:
         """Return the arrays of samples, and notes on what is left out."""
-        tree, asked = self._tree, self._options.array
+        tree, wanted = self._tree, self._options.array
         why_none = (
             "holds no recordings by the convention: X (recordings, samples, axes) with y and fs, or an array a "
             "recording named as its label"
         )
-        if asked is not None:  # with or without the groups around it
+        if wanted is not None:  # with or without the groups around it
             named = [
                 one
                 for one in self._leaves
-                if one.path == asked or f"/{re.sub(_PLACE, '', one.path)}".endswith(f"/{asked}")
+                if one.path == wanted or f"/{re.sub(_PLACE, '', one.path)}".endswith(f"/{wanted}")
             ]
             found = [one for one in named if len(one.leaf.shape) in (2, 3)]
             if not found:
-                raise self.fault(f"array={asked!r:.60} names no array of samples (2 or 3 dimensions)")
+                raise self.fault(f"array={wanted!r:.60} names no array of samples (2 or 3 dimensions)")
             found = self._in_groups(found)
         elif "X" in tree:
             why_none, node = "X is no array (recordings, samples, axes)", tree["X"]

@@ -101,10 +101,10 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     except TableError as error:
         raise _other_names(pandas, head, error, source) from error
     no_samples = _text_rows(columns)
-    kept: Sequence[int] = range(len(next(iter(columns.values()), ())))
+    sample_rows: Sequence[int] = range(len(next(iter(columns.values()), ())))
     if no_samples:
-        kept = [row for row in kept if row not in no_samples]
-        columns = {name: cells[kept] for name, cells in columns.items()}
+        sample_rows = [row for row in sample_rows if row not in no_samples]
+        columns = {name: cells[sample_rows] for name, cells in columns.items()}
     if not any(len(cells) for cells in columns.values()):
         raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)
     table = Table(name=source.name, columns=columns, units=units, clock="time column", is_text=True)
@@ -117,13 +117,13 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         return next(islice(rows, row, None), first + row)
 
     def place(_: int, row: int | None) -> dict[str, Any]:
-        return {} if row is None else {"line": line_of(kept[row])}
+        return {} if row is None else {"line": line_of(sample_rows[row])}
 
     for row, (text, has_figures) in no_samples.items():
         if has_figures:
-            below = row > max(kept, default=0)
+            below = row > max(sample_rows, default=0)
             csv: dict[str, Any] = {"skiprows": [line_of(row) - 1]}
-            csv = {"skipfooter": len(kept) + len(no_samples) - row} if below else csv
+            csv = {"skipfooter": len(sample_rows) + len(no_samples) - row} if below else csv
             csv = {"comment": text.strip()[0]} if text.strip().startswith(_COMMENTS) else csv
             problem = f"{text[:40]!r} is text where others of its column are numbers; if the line is no sample, pass "
             raise RecordingFileError(source.path, (problem, in_both(csv=csv)), line=line_of(row))
@@ -149,8 +149,8 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
 def _opening(head: _Head) -> str:
     """Return how people read this table in Python."""
     options = head.options.items()
-    said = "".join(f", {name}={value!r}" for name, value in options if (name, value) != ("sep", ","))
-    return f"pandas.read_csv({{}}, index_col=False, skipinitialspace=True{said.replace('{', '{{').replace('}', '}}')})"
+    words = "".join(f", {name}={value!r}" for name, value in options if (name, value) != ("sep", ","))
+    return f"pandas.read_csv({{}}, index_col=False, skipinitialspace=True{words.replace('{', '{{').replace('}', '}}')})"
 
 
 def _head(path: Path, given: Mapping[str, Any]) -> _Head:
@@ -174,8 +174,8 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     lines = list(_lines(path, options.get("encoding"), max(skipped, default=0) + _HEAD_LINES))
     if any("\0" in line for line in lines):
         raise RecordingFileError(path, "is binary (holds NUL bytes); wanted text", line=1)
-    if not skipped and lines and (said := _SEP_LINE.fullmatch(lines[0].strip(" "))):
-        options.setdefault("sep", said[1])
+    if not skipped and lines and (stated := _SEP_LINE.fullmatch(lines[0].strip(" "))):
+        options.setdefault("sep", stated[1])
         options["skiprows"], skipped = 1, range(1)
     comment = str(given.get("comment") or "\n")
     shown = ((i, line) for i, line in enumerate(lines) if i not in skipped and line.strip())
@@ -252,22 +252,22 @@ def _read(pandas: Any, head: _Head, n_rows: int | None = None) -> Any:
             return pandas.read_csv(head.path, **{**settings, **head.options})
     except UnicodeDecodeError as error:
         encoding = in_both(csv={"encoding": _encoding(head.path)})
-        said = f"byte 0x{error.object[error.start]:02x} is not UTF-8 text; pass "
-        raise RecordingFileError(head.path, (said, encoding, ", or what it was written in")) from error
+        byte = f"byte 0x{error.object[error.start]:02x} is not UTF-8 text; pass "
+        raise RecordingFileError(head.path, (byte, encoding, ", or what it was written in")) from error
     except (Warning, Exception) as error:
-        said = str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__
+        reason = str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__
         way_out: list[str] = []
-        if re.search(r"Expected \d+ fields in line \d+, saw", said):
+        if re.search(r"Expected \d+ fields in line \d+, saw", reason):
             way_out = [
                 "; lines with more cells than names are left out: pass ",
                 in_both(csv={"on_bad_lines": "skip"}),
             ]
-        if said.startswith("Length of header or names does not match"):
-            said = f"rows have more cells than line {head.line} has names"
+        if reason.startswith("Length of header or names does not match"):
+            reason = f"rows have more cells than line {head.line} has names"
             first = in_both(csv={"usecols": list(range(len(head.names)))})
             way_out = ["; if the first cells are these pass ", first]
         no_wrench = not any(meaning_of(name).what in AXES for name in head.names)
-        problem = [f"is no table that pandas.read_csv reads: {said}", *way_out]
+        problem = [f"is no table that pandas.read_csv reads: {reason}", *way_out]
         raise RecordingFileError(head.path, problem, no_wrench=no_wrench) from error
 
 
@@ -343,9 +343,9 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
     Those that are not understood are refused.
     """
     units: dict[str, str] = {}
-    for said in (one for line in head.lines[: head.line - 1] for one in _UNITS_ABOVE.finditer(line)):
-        alike = AXES[:3] if said[1][0].lower() == "f" else AXES[3:]
-        units |= dict.fromkeys(alike, said[2].strip())
+    for stated in (one for line in head.lines[: head.line - 1] for one in _UNITS_ABOVE.finditer(line)):
+        alike = AXES[:3] if stated[1][0].lower() == "f" else AXES[3:]
+        units |= dict.fromkeys(alike, stated[2].strip())
     names = [str(name) for name in head.options.get("names") or head.names]
     line = "".join(head.lines[head.below : head.below + 1])
     texts = {name: cell for name, cell in zip(names, _cells(line, head.options), strict=False) if cell}

@@ -101,8 +101,8 @@ def failed(path: str | PathLike[str], what: str, error: Exception) -> RecordingF
     if isinstance(error, RecordingFileError):
         return error
     lines = str(error).strip().splitlines() or [""]
-    said = ": ".join(text for text in (type(error).__name__, lines[0][:200]) if text)
-    return RecordingFileError(path, f"{what} failed with {said}")
+    reason = ": ".join(text for text in (type(error).__name__, lines[0][:200]) if text)
+    return RecordingFileError(path, f"{what} failed with {reason}")
 
 
 @contextmanager
@@ -202,8 +202,8 @@ def safe_name(label: str | None) -> str:
     """
     if label is None:
         return "unlabelled"
-    kept = "".join(c if _is_safe(c) else " " for c in unicodedata.normalize("NFC", label))
-    name = re.sub(" +", "_", kept)[:_LONGEST].encode()[:_LONGEST_BYTES].decode(errors="ignore")
+    safe = "".join(c if _is_safe(c) else " " for c in unicodedata.normalize("NFC", label))
+    name = re.sub(" +", "_", safe)[:_LONGEST].encode()[:_LONGEST_BYTES].decode(errors="ignore")
     name = "".join(dropwhile(lambda c: c in _EDGES or unicodedata.category(c)[0] == "M", name))
     name = name.rstrip(_EDGES) or "label"
     return f"label_{name}" if _RESERVED.fullmatch(name) else name

@@ -37,7 +37,7 @@ NO_TRIGGER = -1
 
 
 def flatten(dataset: Dataset) -> dict[str, Any]:
-    """Put a data set into flat columns, every bit kept."""
+    """Put a data set into flat columns, with every bit."""
     recordings = checked_dataset(dataset).recordings
     triggers = [r.trigger_index for r in recordings]
     wrench, time_s, flags = flat_samples(recordings)

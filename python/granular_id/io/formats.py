@@ -71,11 +71,11 @@ FORMATS = (
         sign=re.compile(r"metadata\.yaml"),
     ),
 )
-"""All formats, asked in this order."""
+"""All formats, tried in this order."""
 
 
 def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:
-    """Return the function that writes a format, named or told by the ending of the path."""
+    """Return the function that writes a format, named, or known by the ending of the path."""
     ending = Path(path).name.lower()
     by_ending = next((known for known in FORMATS if ending.endswith(known.suffixes)), None)
     chosen = by_ending if name is None else next((known for known in FORMATS if known.name == name), None)
@@ -84,12 +84,12 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
     else:
         fits = by_ending is chosen
     if chosen is None or chosen.save is None or not fits:
-        asked = "" if name is None else f" as format={name!r}"
+        as_format = "" if name is None else f" as format={name!r}"
         wanted = (
             "wanted a name that ends in .npz, or that of a folder: without an ending of CSV files, with .parquet an "
             "archive (in Python format='csv' or 'parquet'); other formats are only read"
         )
-        raise GranularIdError(f"{os.fspath(path)} cannot be written{asked}: {wanted}")
+        raise GranularIdError(f"{os.fspath(path)} cannot be written{as_format}: {wanted}")
     return chosen.save
 
 
@@ -102,7 +102,7 @@ def save(
 ) -> Path:
     """Write a data set.
 
-    Samples, stamps, flags, metadata and history are kept to the last bit: ``load(save(data, path)) == data``.
+    Samples, stamps, flags, metadata and history are written to the last bit: ``load(save(data, path)) == data``.
     Everything is written under a temporary name and renamed when complete; nothing is overwritten.
 
     Parameters
@@ -111,7 +111,7 @@ def save(
     path : str or path
         File or folder to write; it must not exist (a folder may, if empty).
     format : str, optional
-        ``"csv"`` (a folder), ``"npz"`` or ``"parquet"`` (a folder). By default told by the ending of `path`.
+        ``"csv"`` (a folder), ``"npz"`` or ``"parquet"`` (a folder). By default known by the ending of `path`.
     progress : bool or callable
         True draws a bar on a terminal; a callable is called as ``progress(done, total, what)``.
 

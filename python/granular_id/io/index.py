@@ -33,7 +33,7 @@ _FILES = frozenset(("files", "filename", "filenames", "filepath", "path", "paths
 """Other names of the column ``file``, without what stands between words."""
 
 IRREGULAR = "irregular"
-"""What stands for a rate where a recording's own stamps are to be kept as they are."""
+"""What stands for a rate where a recording's own stamps stay as they are."""
 
 HISTORY_NAME = "history.json"
 """Beside index.csv: the steps that made the data set, see ``StepReport.to_dict``."""
@@ -127,12 +127,12 @@ def _indexed(
             known[column] = value_of(text) if text or column == "file" else None
         except (TypeError, ValueError, RecursionError) as error:
             raise RecordingFileError(path, str(error), line=line, column=column) from error
-    asked: dict[str, Any] = {}
+    named: dict[str, Any] = {}
     for what in (LABEL, SESSION):  # an option may name a column of the index
         name = (stated.get(f"{what}_from") or "").partition(":")[2] or dict(stated["columns"]).get(what, "")
         if name.lower() in columns:
-            asked |= {what: texts[name.lower()] or None, f"{what}_from": None}
-    asked["columns"] = tuple(one for one in stated["columns"] if one[0] not in asked)
+            named |= {what: texts[name.lower()] or None, f"{what}_from": None}
+    named["columns"] = tuple(one for one in stated["columns"] if one[0] not in named)
     irregular = known["rate_hz"] == IRREGULAR
     others = {column: text for column, text in texts.items() if column not in INDEX_COLUMNS and text}
     own = {
@@ -149,7 +149,7 @@ def _indexed(
     }
     path = root.joinpath(known["file"])
     return FileSource(
-        path=path, root=root, name=texts.get("name", texts["file"]), **{**stated, **own, **asked}
+        path=path, root=root, name=texts.get("name", texts["file"]), **{**stated, **own, **named}
     )
 
 

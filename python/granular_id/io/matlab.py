@@ -29,7 +29,7 @@ _OBJECTS = (
 
 
 def read_mat(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read one MATLAB file by the convention for arrays; objects of MATLAB's classes are left out, and said."""
+    """Read one MATLAB file by the convention for arrays; objects of MATLAB's classes are left out, with a note."""
     with source.path.open("rb") as file:
         head = file.read(512 + len(_HDF5))
     left_out: list[str] = []

@@ -73,12 +73,12 @@ def read_npz(source: FileSource, options: LoadOptions) -> FileContent:
     with source.path.open("rb") as file:
         archive = np.load(file, allow_pickle=False)
         arrays = {name: _member(archive, name, source) for name in archive.files}
-    said = str(arrays[_MARK]) if _MARK in arrays and arrays[_MARK].dtype.kind == "U" else ""
-    if not said.startswith(FORMAT):
+    mark = str(arrays[_MARK]) if _MARK in arrays and arrays[_MARK].dtype.kind == "U" else ""
+    if not mark.startswith(FORMAT):
         opening = Opening("array", "numpy.load({})", is_flat=True)
         return content_of(_tree(arrays, source.path), source, options, opening)
-    if said != MARK:
-        problem = f"is of the format {said!r:.80}; this version of granular-id reads {MARK!r}"
+    if mark != MARK:
+        problem = f"is of the format {mark!r:.80}; this version of granular-id reads {MARK!r}"
         raise RecordingFileError(source.path, problem)
     return _read_own(arrays, source)
 

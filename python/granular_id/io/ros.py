@@ -131,9 +131,9 @@ def _opened(source: FileSource) -> Iterator[Any]:
         other = _other_messages(source)
         if other is not None:
             raise RecordingFileError(path, other) from error
-        said = (str(error).partition("\n")[0] or type(error).__name__)[:200].rstrip(".")
+        reason = (str(error).partition("\n")[0] or type(error).__name__)[:200].rstrip(".")
         way_out = "`rosbag reindex`" if is_ros1 else "`ros2 bag reindex`, or `mcap recover` of an .mcap"
-        problem = f"cannot be read: {said}; if the recording was not closed, try {way_out}"
+        problem = f"cannot be read: {reason}; if the recording was not closed, try {way_out}"
         raise RecordingFileError(path, problem) from error
 
 
@@ -202,7 +202,7 @@ def _fields_in(message: Any) -> list[str]:
     return [named[axis] for axis in AXES] if set(AXES) <= named.keys() else []
 
 
-def _chosen(reader: Any, source: FileSource, asked: str | None) -> tuple[_Wrench, list[str]]:
+def _chosen(reader: Any, source: FileSource, named: str | None) -> tuple[_Wrench, list[str]]:
     """Return the one wrench to read, and a note where it is a field of a message."""
     path = source.path
     groups: dict[tuple[str, str], list[Any]] = {}
@@ -226,11 +226,11 @@ def _chosen(reader: Any, source: FileSource, asked: str | None) -> tuple[_Wrench
         raise RecordingFileError(path, (f"has no {wanted}; it has {there or nothing}", line))
     found = (
         every
-        if asked is None
-        else [one for one in every if asked.strip("/") in (one.name.strip("/"), one.topic.strip("/"))]
+        if named is None
+        else [one for one in every if named.strip("/") in (one.name.strip("/"), one.topic.strip("/"))]
     )
     if not found:
-        raise RecordingFileError(path, f"has no wrenches on topic {asked!r}; it has {_named(every)}")
+        raise RecordingFileError(path, f"has no wrenches on topic {named!r}; it has {_named(every)}")
     plain = [one for one in found if not one.field]
     if len(found) > 1 and len(plain) == 1:
         others = _named([one for one in found if one.field])

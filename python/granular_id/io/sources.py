@@ -242,7 +242,7 @@ def _indexed(root: Path, options: LoadOptions, walked: Sources) -> Sources:
         found.notes.append(f"index.csv has no column label (found: {', '.join(columns)})")
     others = [column for column in columns if column not in INDEX_COLUMNS]
     if others:
-        found.notes.append(f"columns of index.csv kept in meta: {', '.join(others)}")
+        found.notes.append(f"columns of index.csv read into meta: {', '.join(others)}")
     listed_paths = {source.path for source in files}
     unlisted = [one.name for one in walked.files if one.path not in listed_paths and one.name != INDEX_NAME]
     if n := len(unlisted):

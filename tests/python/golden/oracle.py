@@ -242,9 +242,9 @@ def commands() -> Figures:
 
 def files() -> Figures:
     """What comes of reading each hostile file: read, refused, or how the process ended."""
-    from corpus import rows, verdicts_of_all
+    from corpus import outcomes_of_all, rows
 
-    return {f"{row[0]} {row[1]}": outcome for row, outcome in zip(rows(), verdicts_of_all(), strict=True)}
+    return {f"{row[0]} {row[1]}": outcome for row, outcome in zip(rows(), outcomes_of_all(), strict=True)}
 
 
 SECTIONS: dict[str, Callable[[], Figures]] = {

@@ -1,8 +1,8 @@
 """The corpus: 150 hostile files of all formats that differ most, and what comes of reading each.
 
 ``corpus/files.tar.xz`` holds a folder each; a line of ``corpus/table.jsonl`` is folder, name, how it was made, what is
-loaded, options, verdict (read, refused). ``python corpus.py`` reads all and stores the verdicts that are others now;
-``python corpus.py read`` is the process that `verdicts` starts.
+loaded, options, outcome (read, refused). ``python corpus.py`` reads all and stores the outcomes that are others now;
+``python corpus.py read`` is the process that `outcomes` starts.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def rows() -> list[list[Any]]:
     return [json.loads(line) for line in TABLE.read_text(encoding="ascii").splitlines()]
 
 
-def verdicts(files: Iterable[tuple[Path, dict[str, Any]]]) -> list[str]:
+def outcomes(files: Iterable[tuple[Path, dict[str, Any]]]) -> list[str]:
     """Load files with their options, each in a process of its own, which a crash or a hang ends alone."""
     lines = "".join(json.dumps([str(path), options]) + "\n" for path, options in files)
     command = [sys.executable, __file__, "read"]
@@ -35,11 +35,11 @@ def verdicts(files: Iterable[tuple[Path, dict[str, Any]]]) -> list[str]:
     return ran.stdout.splitlines()
 
 
-def verdicts_of_all() -> list[str]:
+def outcomes_of_all() -> list[str]:
     trusted = {"filter": "fully_trusted"} if sys.version_info >= (3, 12) else {}
     with TemporaryDirectory() as place, tarfile.open(CORPUS / "files.tar.xz") as archive:
         archive.extractall(place, **trusted)  # links, pipes and holes as they were
-        return verdicts((Path(place, row[0], row[3]), row[4]) for row in rows())
+        return outcomes((Path(place, row[0], row[3]), row[4]) for row in rows())
 
 
 def _serve() -> None:
@@ -59,12 +59,12 @@ def _serve() -> None:
             signal.alarm(HANGS_AFTER_S)
             try:
                 load(path, **options)
-                verdict = "read"
+                outcome = "read"
             except RecordingFileError as error:
-                verdict = "refused" if str(error).isprintable() else f"refused by {error!r}"
+                outcome = "refused" if str(error).isprintable() else f"refused by {error!r}"
             except BaseException as error:
-                verdict = f"raised {error!r}"
-            print(verdict, flush=True)
+                outcome = f"raised {error!r}"
+            print(outcome, flush=True)
             os._exit(0)
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         if code:
@@ -75,7 +75,7 @@ def main() -> None:
     if sys.argv[1:] == ["read"]:
         _serve()
         return
-    now = [[*row[:-1], verdict] for row, verdict in zip(rows(), verdicts_of_all(), strict=True)]
+    now = [[*row[:-1], outcome] for row, outcome in zip(rows(), outcomes_of_all(), strict=True)]
     for old, new in zip(rows(), now, strict=True):
         if old != new:
             print(f"{old[0]} {old[1]}: {old[-1]} -> {new[-1]}")

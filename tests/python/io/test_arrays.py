@@ -192,7 +192,7 @@ def test_more_recordings_than_samples_are_read_where_stated(tmp_path):
     assert data.X.shape == (4, 3, 6)
 
 
-def test_names_of_arrays_beside_a_folder_that_says_otherwise_are_refused(tmp_path):
+def test_names_of_arrays_against_the_folder_are_refused(tmp_path):
     (tmp_path / "rice").mkdir()
     np.savez(tmp_path / "rice" / "day.npz", push_1=W, push_2=X[1], fs=500)
     assert load(tmp_path).y.tolist() == ["rice"] * 2
@@ -236,7 +236,7 @@ def test_links_and_values_elsewhere_are_not_followed(tmp_path, link):
         load(tmp_path / "a.h5")
 
 
-def test_matlab_objects_are_left_out_and_said(tmp_path):
+def test_matlab_objects_are_left_out_with_a_note(tmp_path):
     scipy.io.savemat(tmp_path / "a.mat", {"X": X, "fs": 500, "z": np.array([1 + 2j])})
     notes = load(tmp_path / "a.mat").history[-1].notes
     assert any(note.startswith("z left out") for note in notes)

@@ -15,15 +15,15 @@ pytest.importorskip("mcap")
 pytest.importorskip("pyarrow")
 pytest.importorskip("rosbags")
 
-from corpus import rows, verdicts, verdicts_of_all
+from corpus import outcomes, outcomes_of_all, rows
 from effort import cases
 from good_files import PATHS, write_good
 from granular_id.io import RecordingFileError, formats, load, sources
 
 
 def test_hostile_files_are_read_or_refused_as_stored():
-    found = zip(rows(), verdicts_of_all(), strict=True)
-    assert {row[1]: verdict for row, verdict in found if verdict != row[-1]} == {}
+    found = zip(rows(), outcomes_of_all(), strict=True)
+    assert {row[1]: outcome for row, outcome in found if outcome != row[-1]} == {}
 
 
 def test_damaged_files_are_read_or_refused(tmp_path):
@@ -33,9 +33,13 @@ def test_damaged_files_are_read_or_refused(tmp_path):
         for kind in PATHS
         for seed in range(cases(4))
     }
-    good = ("read", "refused", "ended by -11")  # HDF5 may crash: strangers' files are loaded in a container
-    found = zip(files, verdicts(files.values()), strict=True)
-    assert {place: verdict for place, verdict in found if verdict not in good} == {}
+    good = (
+        "read",
+        "refused",
+        "ended by -11",
+    )  # HDF5 may crash: files of unknown origin are loaded in a container
+    found = zip(files, outcomes(files.values()), strict=True)
+    assert {place: outcome for place, outcome in found if outcome not in good} == {}
 
 
 def _options(kind):
@@ -87,7 +91,7 @@ ODD = {
 
 @pytest.mark.parametrize("odd", ODD)
 @pytest.mark.parametrize("known", formats.FORMATS, ids=lambda known: known.name)
-def test_what_is_no_file_of_the_folder_is_refused_before_it_is_opened(tmp_path, monkeypatch, known, odd):
+def test_no_file_of_the_folder_is_refused_unopened(tmp_path, monkeypatch, known, odd):
     (tmp_path / "secret").write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n")
     places = [tmp_path / "set" / f"a{suffix}" for suffix in known.suffixes[:1]]
     if known.sign:

@@ -1,6 +1,6 @@
 """Files in the shape of real ones that were misread, or refused without a way out that works: a test of each kind.
 
-Each kind has small files made here; those that are kept with the shared data (``GRANULAR_ID_DATA``) are read, too.
+Each kind has small files made here; those of the shared data (``GRANULAR_ID_DATA``) are read, too.
 """
 
 import gzip
@@ -70,7 +70,7 @@ SHARED = {
         (1, 200, 500, 0, 0),
     ),
 }
-"""Options, what is said without them, and recordings, samples, rate, labels and sessions."""
+"""Options, what the refusal without them names, and recordings, samples, rate, labels and sessions."""
 
 
 @pytest.mark.data

@@ -277,7 +277,7 @@ AMID = {
 
 @pytest.mark.parametrize("text", AMID)
 @pytest.mark.parametrize("clock", ["time", "Nr"])
-def test_lines_that_are_no_samples_are_said_or_refused(tmp_path, text, clock):
+def test_lines_that_are_no_samples_are_noted_or_refused(tmp_path, text, clock):
     at, problem = AMID[text]
     rows = [f"{i / 100},1,2,3,4,5,6" for i in range(100)]
     lines = [f"{clock},fx,fy,fz,tx,ty,tz", *rows]
@@ -323,7 +323,7 @@ def test_units_of_another_number_are_refused(tmp_path, units):
         load(tmp_path / "a_1.csv", axes="fx,fy,fz,tx,ty,tz", units=units)
 
 
-def test_axes_of_no_unit_are_said(tmp_path):
+def test_axes_without_unit_are_noted(tmp_path):
     (tmp_path / "a_1.csv").write_bytes(GOOD.replace(b"fx", b"wx"))
     data = load(tmp_path / "a_1.csv", axes="wx,fy")
     assert "no unit is known of wx" in " ".join(data.history[-1].notes)

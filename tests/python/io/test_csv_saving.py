@@ -48,7 +48,7 @@ def test_files_read_without_the_index_too(tmp_path):
     assert back[1].flags.tolist() == [0, 1, 0]
 
 
-def test_relative_paths_go_where_they_say_with_ordinary_permissions(tmp_path, monkeypatch):
+def test_relative_paths_have_ordinary_permissions(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert load(save(Dataset([sample(label="rice")]), "set", "csv")).labels == ("rice",)
     (tmp_path / "plain").mkdir()

@@ -204,7 +204,7 @@ def test_a_mended_table_is_read_with_all_like_it(tmp_path, layout):
     assert len(set(data.sessions)) == (2 if "2025" in layout else 1)
 
 
-def test_all_that_an_export_in_two_levels_wants_is_said_at_once(tmp_path):
+def test_all_that_an_export_wants_is_named_at_once(tmp_path):
     for name in ("rice", "peas"):
         path = tmp_path / name / "day 1" / "push_1.csv"
         path.parent.mkdir(parents=True)
@@ -223,7 +223,7 @@ def test_all_that_an_export_in_two_levels_wants_is_said_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("names", ["rice/1 rice/2 peas/wet/1", "lab/rice/a/1 lab/peas/b/1"])
-def test_an_index_is_written_where_the_first_folder_is_the_material(tmp_path, names):
+def test_index_is_written_of_first_folders(tmp_path, names):
     for name in names.split():
         path = tmp_path / f"{name}.csv"
         path.parent.mkdir(parents=True, exist_ok=True)

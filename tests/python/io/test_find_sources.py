@@ -54,7 +54,7 @@ READ = {
 
 
 @pytest.mark.parametrize("paths", READ)
-def test_labels_by_default_and_what_is_said_of_them(tmp_path, paths):
+def test_labels_by_default_are_noted(tmp_path, paths):
     names = paths.replace(".csv ", ".csv\n").splitlines()
     data = load(tree(tmp_path, *names))
     assert [r.label for r in data] == READ[paths]
@@ -88,7 +88,7 @@ DOUBTFUL = {
 
 
 @pytest.mark.parametrize("paths", DOUBTFUL)
-def test_folders_of_two_meanings_are_refused_and_both_ways_out_work(tmp_path, paths):
+def test_folders_of_two_meanings_have_both_ways_out(tmp_path, paths):
     label, session = DOUBTFUL[paths]
     tree(tmp_path, *paths.split())
     with pytest.raises(RecordingFileError, match="label='folder'") as caught:
@@ -165,7 +165,7 @@ def test_what_files_state_themselves_needs_no_folders(tmp_path):
         ("meta:read_as", "folder", ("time=t", "a/rice")),
     ],
 )
-def test_label_and_session_are_taken_from_where_somebody_says(tmp_path, label, session, expected):
+def test_label_and_session_are_read_where_stated(tmp_path, label, session, expected):
     rows = [f"{i / 10},{row},oats,3.0" for i, row in enumerate(["1,2,3,4,5,6"] * 3)]
     write(tmp_path / "a" / "rice" / "push_1.csv", f"t,{','.join(AXES)},stuff,day", rows)
     data = load(tmp_path, label=label, session=session, time="t", time_unit="s")
@@ -209,7 +209,7 @@ def test_index_says_it_all(tmp_path):
     assert b.name == "deep/er/b.csv"
     assert (a.label, a.session, a.start_time, a.trigger_index, a.meta) == (None, None, None, None, {})
     assert data.history[-1].notes[2:] == (
-        "columns of index.csv kept in meta: operator",
+        "columns of index.csv read into meta: operator",
         "2 recordings beside index.csv (spare.csv ...) are not listed in it and were not read",
     )
     assert load(tmp_path, session="meta:operator", on_error="skip")[0].session == "anna"
@@ -333,7 +333,7 @@ def test_links_within_the_folder_are_followed_and_no_others(tmp_path):
         (tmp_path / "set" / name).unlink()
 
 
-def test_progress_is_told_of_every_file(tmp_path):
+def test_progress_is_called_for_every_file(tmp_path):
     tree(tmp_path, "a_0.csv", "a_1.csv", "a_2.csv")
     (tmp_path / "a_1.csv").write_text("fx\nbroken")
     calls = []

@@ -97,7 +97,7 @@ def test_nothing_is_left_when_writing_fails(tmp_path, name, error, pushes):
         *(("set.npz", "parquet"), ("set", "excel"), ("set", "npz"), ("set.parquet", "csv")),
     ],
 )
-def test_formats_that_cannot_be_written_are_told(tmp_path, path, name, pushes):
+def test_formats_that_cannot_be_written_are_refused(tmp_path, path, name, pushes):
     with pytest.raises(ValueError, match=rf"{path} cannot be written.*in \.npz, or that of a folder"):
         save(pushes, tmp_path / path, name)
     assert list(tmp_path.iterdir()) == []
@@ -121,7 +121,7 @@ def test_a_folder_of_several_formats(tmp_path):
     assert [np.array_equal(recording.wrench, wrench) for recording in data] == [True] * 4 + [False]
 
 
-def test_what_the_file_says_wins_over_the_folder_and_the_index_over_both(tmp_path):
+def test_label_of_index_wins_over_file_over_folder(tmp_path):
     known = Recording(np.zeros((4, 6)), rate_hz=500, label="basmati", session="tuesday", name="x")
     (tmp_path / "rice").mkdir()
     save(Dataset([known]), tmp_path / "rice" / "1.npz")
@@ -147,7 +147,7 @@ def test_a_broken_history_is_refused(tmp_path, text, pushes):
 
 
 @pytest.mark.parametrize("error", [KeyError("x"), RecursionError()])
-def test_whatever_a_library_raises_names_the_file_and_is_passed_over(tmp_path, monkeypatch, error):
+def test_errors_of_libraries_name_the_file(tmp_path, monkeypatch, error):
     for name in ("rice_1.csv", "rice_2.csv"):
         (tmp_path / name).write_text("fx,fy,fz,tx,ty,tz\n1,2,3,4,5,6\n1,2,3,4,5,6\n")
 

@@ -69,7 +69,7 @@ def written(folder, **change):
     return path
 
 
-def test_plain_numpy_reads_what_is_saved_and_writes_what_is_loaded(tmp_path):
+def test_npz_plain_numpy_reads_and_writes_it(tmp_path):
     found = plain(save(SMALL, tmp_path / "set.npz"))
     assert found.pop("format") == "granular_id recordings"
     assert found.keys() == VALUES.keys()
@@ -112,7 +112,7 @@ def test_samples_are_held_once(tmp_path):
     path = save(Dataset([Recording(wrench, rate_hz=500) for wrench in block]), tmp_path / "set.npz")
     load(path)
     tracemalloc.start()
-    load(path).X  # noqa: B018  (X is made when it is asked for)
+    load(path).X  # noqa: B018  (X is made at its first use)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1.5 * block.nbytes
@@ -124,7 +124,7 @@ PATH = Path("set.npz")
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_samples_that_are_views_of_bytes_keep_their_bits_and_are_not_copied(n):
+def test_flat_views_of_bytes_are_not_copied(n):
     raw = np.frombuffer(np.random.default_rng(1).standard_normal((n, 4, 6)).tobytes(), np.uint8).copy()
     raw.flags.writeable = False
     block = raw.view(np.float64).reshape(n, 4, 6)
@@ -194,7 +194,7 @@ HOSTILE = {
     "history: history is not JSON: maximum recursion": {"history": DEEP},
     "history: a step has the keys": {"history": '[{"a": 1}]'},
 }
-"""By what is said of it."""
+"""By what is wrong with it."""
 
 
 @pytest.mark.parametrize("problem", HOSTILE)

@@ -114,7 +114,7 @@ def test_bags_that_were_not_closed(tmp_path):
 # -- clocks
 
 
-def test_plain_wrench_is_stamped_by_its_log_time_and_a_silent_topic_does_not_count(tmp_path):
+def test_wrench_without_header_has_log_times(tmp_path):
     ros1 = {"/ft": (PLAIN, payloads(ROS1, samples()), even_stamps())}
     topics = {"/silent": (STAMPED, [], []), "/ft": (PLAIN, payloads(ROS2, samples()), even_stamps())}
     for path in (
@@ -320,13 +320,13 @@ def test_wrenches_within_messages_are_those_of_rosbags(tmp_path, kind, name):
     assert FIELDS[name] in data.history[-1].notes[0]
 
 
-def test_six_numbers_without_a_wrench_have_the_line_that_reads_them(tmp_path):
+def test_six_numbers_without_a_wrench_have_a_line(tmp_path):
     (recording,) = run(*lines_of(refusal(write(tmp_path, "folder", "Plain"))))
     assert recording.wrench.tolist() == samples().tolist()
     assert recording.rate_hz == 500
 
 
-def test_of_several_fields_one_is_chosen_and_those_in_lists_are_none(tmp_path):
+def test_one_of_several_fields_is_chosen(tmp_path):
     path = write(tmp_path, "mcap", "Two")
     for topic in (None, "/ft"):
         with pytest.raises(RecordingFileError, match=r"'/ft\.left' .*'/ft\.right\.load' .*pass topic="):

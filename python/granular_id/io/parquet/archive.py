@@ -338,7 +338,7 @@ class _Part(NamedTuple):
 def _read_part(folder: Path, key: str) -> _Part:
     path, schema = folder / index_file(key), index_schema()
     with open_parquet(path, folder, texts=_TEXTS) as opened:
-        mark, said = Mark.read(opened, "recordings", path)
+        mark, entry = Mark.read(opened, "recordings", path)
         table = opened.read(schema.names, use_threads=False)
         history = labels_of(opened).get(HISTORY, "[]")
     other = next((name for name in schema.names if name not in table.column_names), None)
@@ -347,7 +347,7 @@ def _read_part(folder: Path, key: str) -> _Part:
     with naming(path, "reading its columns"):
         table = table.cast(schema)
         table.validate(full=True)
-        written, number = float(said["written"]), int(said["part"])
+        written, number = float(entry["written"]), int(entry["part"])
     if not table.num_rows:
         raise RecordingFileError(path, "lists no recordings")
     return _Part(written, number, key, mark, history, table, _groups(table, path))

@@ -103,17 +103,17 @@ class Mark:
     def read(cls, opened: Any, what: str, path: Path) -> tuple[Mark, dict[str, Any]]:
         """Return what the footer of an open file says of the archive, as a mark and whole."""
         try:
-            said = json.loads(labels_of(opened).get(MARK, "null"))
-            mark = cls.of_axes(said["axes"])
+            entry = json.loads(labels_of(opened).get(MARK, "null"))
+            mark = cls.of_axes(entry["axes"])
             wanted = json.loads(mark.to_json(what))
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             problem = f"has no entry {MARK!r} that names axes, each once"
             raise RecordingFileError(path, problem, place="footer") from error
-        other = next((key for key in wanted if said.get(key) != wanted[key]), None)
+        other = next((key for key in wanted if entry.get(key) != wanted[key]), None)
         if other is not None:
-            came = f"says that the {other} is {said.get(other)!r:.80}; wanted {wanted[other]!r:.80}"
+            came = f"says that the {other} is {entry.get(other)!r:.80}; wanted {wanted[other]!r:.80}"
             raise RecordingFileError(path, f"the entry {MARK!r} {came}", place="footer")
-        return mark, said
+        return mark, entry
 
 
 @contextmanager

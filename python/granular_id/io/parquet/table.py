@@ -81,5 +81,5 @@ def _values(column: Any) -> NDArray[Any]:
 def _unit_of(field: Any) -> str | None:
     """Return what the metadata of a column say of its unit."""
     about = {key.lower(): value for key, value in (field.metadata or {}).items()}
-    said = about.get(b"units", about.get(b"unit", b""))
-    return said.decode("utf-8", "replace").strip() or None
+    unit = about.get(b"units", about.get(b"unit", b""))
+    return unit.decode("utf-8", "replace").strip() or None

@@ -55,7 +55,7 @@ def save_parquet(
     recordings_per_group: int = RECORDINGS_PER_GROUP,
     progress: ProgressCallback | None = None,
 ) -> Path:
-    """Write a data set as a new archive, to which more can be appended; every bit is kept."""
+    """Write a data set as a new archive, to which more can be appended; with every bit."""
     rows = [_Row.of(recording) for recording in checked_dataset(dataset)]
     mark = Mark.of_axes(dataset.axes)
     need("pyarrow.parquet", extra="app", why="to write Parquet files")
@@ -93,7 +93,7 @@ def append(folder: str | os.PathLike[str], dataset: Dataset) -> Appended:
     folder : str or path
         An archive, or a new or empty folder.
     dataset : Dataset
-        Some thousand recordings at a time: each append makes two files more. Its history is kept with them.
+        Some thousand recordings at a time: each append makes two files more. Its history is stored with them.
 
     Returns
     -------
@@ -249,8 +249,8 @@ def _write(
         if path.is_file():  # of a writer that was quicker
             continue
         with durable_file(path) as draft:
-            said = mark.to_json("recordings", written=written, part=number)
-            _write_index(library, draft, index, {MARK: said, HISTORY: history})
+            footer = mark.to_json("recordings", written=written, part=number)
+            _write_index(library, draft, index, {MARK: footer, HISTORY: history})
         n_added += len(index["file"])
     return n_added
 
@@ -339,8 +339,8 @@ def _probe(recordings: Sequence[Recording]) -> FloatArray:
     """Take samples from all over the recordings, about as many as decide whether values repeat."""
     total = sum(r.n_samples for r in recordings)
     step = max(1, total // _PROBED_SAMPLES)
-    kept = islice(recordings, 0, None, step)
-    return np.concatenate([r.wrench[:_PROBED_SAMPLES] for r in kept])
+    some = islice(recordings, 0, None, step)
+    return np.concatenate([r.wrench[:_PROBED_SAMPLES] for r in some])
 
 
 def _repeats(values: FloatArray) -> bool:
