@@ -77,10 +77,8 @@ int main(int argc, char **argv) try {
 #if defined(__linux__)
     if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) { std::perror("memory is not locked"); }
 #endif
-    for (std::size_t k = 0; k < model.info().n_samples; ++k) {
-        if (stream.push(row) != GID_OK) { throw granular_id::Error(GID_VALUE); }
-    }
-    if (stream.decide(decision) != GID_OK) { throw granular_id::Error(GID_VALUE); }
+    for (std::size_t k = 0; k < model.info().n_samples; ++k) { granular_id::check(stream.push(row)); }
+    granular_id::check(stream.decide(decision));
     stream.reset();
 
     FakeSensor sensor;

@@ -6,7 +6,7 @@ use std::fmt::{Arguments, Result, Write};
 
 use crate::gid_status;
 
-/// Bytes of a sentence that are kept.
+/// Bytes of the longest sentence: what is longer is cut.
 const MOST: usize = 1024;
 
 struct Sentence {
@@ -36,7 +36,7 @@ impl Write for Sentence {
     }
 }
 
-/// Keeps a sentence, and gives the status back.
+/// Stores a sentence for `gid_last_error`, and gives the status back.
 pub(crate) fn failed(status: gid_status, sentence: Arguments<'_>) -> gid_status {
     LAST.with_borrow_mut(|last| {
         last.len = 0;

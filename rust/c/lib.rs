@@ -25,8 +25,8 @@ use granular_id::model::MAX_CLASSES;
 use granular_id::Error;
 use last_error::failed;
 
-/// How a call ended. Other values than 0 and 1 are errors: nothing has changed, nothing was written, and `gid_last_error`
-/// has a sentence about it.
+/// How a call ended. Other values than 0 and 1 are errors: nothing has changed, nothing was written (but by `gid_extract`),
+/// and `gid_last_error` has a sentence about it.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum gid_status {
@@ -84,10 +84,10 @@ fn guarded(call: impl FnOnce() -> Result<gid_status, gid_status>) -> gid_status 
     }
 }
 
-/// The status of an error of the core, whose sentence is kept.
+/// Stores the sentence of an error of the core, and gives its status.
 fn refused(error: &Error) -> gid_status {
     let status = match error {
-        Error::Length { .. } | Error::Empty { .. } | Error::Range { .. } => gid_status::GID_SIZE,
+        Error::Length { .. } | Error::Empty { .. } => gid_status::GID_SIZE,
         Error::Memory { .. } => gid_status::GID_MEMORY,
         _ => gid_status::GID_VALUE,
     };

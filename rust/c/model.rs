@@ -14,7 +14,7 @@ use crate::gid_status::{GID_FILE, GID_HANDLE, GID_MEMORY, GID_MODEL, GID_OK, GID
 use crate::last_error::failed;
 use crate::{check_pointer, gid_status, guarded, slice, write};
 
-/// A model that was loaded. Zero is none.
+/// A model that was loaded. Number 0 is never one.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct gid_model {
@@ -91,7 +91,7 @@ unsafe fn enter(model: Model, out: *mut gid_model) -> Result<gid_status, gid_sta
     unsafe { write(out, "model", gid_model { id }) }
 }
 
-/// The status of an error of a model file, whose sentence is kept.
+/// The status of an error of a model file.
 fn no_model(error: &ModelError) -> gid_status {
     match error {
         ModelError::Spec(Error::Memory { .. }) => GID_MEMORY,
@@ -177,13 +177,13 @@ pub unsafe extern "C" fn gid_model_get_info(model: gid_model, info: *mut gid_mod
     })
 }
 
-/// Label `k`, UTF-8, until the model is freed. Null on an error.
+/// Label `k`, UTF-8, until the model is freed. Null on an error. Not for a real-time loop: it takes a lock.
 #[no_mangle]
 pub extern "C" fn gid_model_label(model: gid_model, k: usize) -> *const c_char {
     text_of(model, k, "label", |loaded| &loaded.labels)
 }
 
-/// Name of axis `k`, UTF-8, until the model is freed. Null on an error.
+/// Name of axis `k`, likewise.
 #[no_mangle]
 pub extern "C" fn gid_model_axis(model: gid_model, k: usize) -> *const c_char {
     text_of(model, k, "axis", |loaded| &loaded.axes)

@@ -1,7 +1,7 @@
 //! Streams: rows in, decisions out, callable from a real-time loop.
 //!
-//! The table of streams has no lock. Each place says whether it is empty, idle or busy, and the how manieth stream it holds;
-//! a call makes an idle place busy, or ends. It never waits.
+//! The table of streams has no lock. Each place says whether it is empty, idle or busy, and which of the streams it has held is there
+//! now; a call makes an idle place busy, or ends. It never waits.
 
 use std::cell::UnsafeCell;
 use std::ops::{Deref, DerefMut};
@@ -17,7 +17,7 @@ use crate::{
     GID_MAX_STREAMS,
 };
 
-/// A stream of rows through a model. Zero is none.
+/// A stream of rows through a model. Number 0 is never one.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct gid_stream {
@@ -29,7 +29,7 @@ pub struct gid_stream {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct gid_decision {
-    /// The class with the smallest mean loss; the first of equal ones.
+    /// Index, as of `gid_model_label`, of the class with the smallest mean loss; the first of equal ones.
     pub label: usize,
     /// Its mean loss: the value by which classes are ranked.
     pub loss: f64,
@@ -42,8 +42,8 @@ pub struct gid_decision {
     /// The classes that it may be: of class k bit `k % 8` of byte `k / 8`. None before the window is complete, and of a model
     /// without such a rule.
     pub candidates: [u8; GID_CANDIDATE_BYTES],
-    /// 1 if it is like no class: the label then has no meaning. 0 if not, -1 before the window is complete, and of a model
-    /// without such a rule.
+    /// 1 if it is like no class: the label is then the nearest of the wrong ones. 0 if not, -1 before the window is complete,
+    /// and of a model without such a rule.
     pub unknown: i8,
     /// Whether the window is complete.
     pub is_final: bool,
@@ -151,7 +151,7 @@ pub unsafe extern "C" fn gid_stream_new(model: gid_model, stream: *mut gid_strea
     })
 }
 
-/// Frees a stream.
+/// Frees a stream; not while another thread is in a call on it, which is `GID_BUSY`.
 #[no_mangle]
 pub extern "C" fn gid_stream_free(stream: gid_stream) -> gid_status {
     guarded(|| {
@@ -245,4 +245,10 @@ pub extern "C" fn gid_stream_reset(stream: gid_stream) -> gid_status {
         Held::new(stream)?.stream.reset();
         Ok(GID_OK)
     })
+}
+
+/// What a call of another thread on a stream does while it lasts.
+#[cfg(test)]
+pub(crate) fn beside_a_call(stream: gid_stream) -> impl Drop {
+    Held::new(stream).expect("an idle stream")
 }

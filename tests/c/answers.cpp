@@ -16,11 +16,22 @@ static void print_bits(double value) {
     std::printf(" %016" PRIx64, bits);
 }
 
+static gid_status status_of_no_path() try {
+    const granular_id::Model none(static_cast<const char *>(nullptr));
+    return GID_OK;
+} catch (const granular_id::Error &error) {
+    return error.status();
+}
+
 int main(int, char **argv) try {
+    if (status_of_no_path() != GID_NULL) { return 1; }
     std::ifstream stored(argv[1], std::ios::binary), recordings(argv[2], std::ios::binary);
     const std::vector<char> file{std::istreambuf_iterator<char>(stored), {}};
     const granular_id::Model model(granular_id::View(reinterpret_cast<const std::uint8_t *>(file.data()), file.size()));
-    granular_id::Stream first(model), stream = std::move(first);
+    granular_id::Stream first(model), stream(model);
+    const gid_stream replaced = stream.handle();
+    stream = std::move(first);
+    if (gid_stream_reset(replaced) != GID_HANDLE) { return 1; } // freed
     const auto &info = model.info();
     std::vector<double> rows(info.n_samples * info.n_axes), losses(info.n_classes);
     granular_id::Decision decision;

@@ -16,11 +16,12 @@
 // Threads: every function may be called from every thread. One stream is for one thread at a time: while a call on it runs,
 // another thread's ends at once with GID_BUSY and changes nothing. Different streams do not wait for each other, and a
 // model serves any number of them. gid_last_error is of the calling thread. Strings of a model end with gid_model_free: no
-// other thread may still read them. After fork, a child must not use what another thread was using.
+// other thread may still read them. After fork, a child must not use what another thread was using, nor any model if one was
+// being loaded or freed.
 //
-// Real-time: gid_stream_push, _decide, _losses and _reset allocate nothing and take no lock, also when they fail. Before the
-// loop, lock the memory (mlockall), push a window of zeros and reset: pages are mapped then. If the library came by dlopen,
-// call gid_last_error once in the thread: its memory is allocated then.
+// Real-time: gid_stream_push, _decide, _losses and _reset allocate nothing and take no lock, also when they fail; all others
+// belong before the loop or behind it. Before the loop, lock the memory (mlockall), push a window of zeros, decide and reset:
+// pages are mapped then. If the library came by dlopen, call gid_last_error once in the thread: its memory is allocated then.
 //
 // Floating point: results have the bits of the Python package in the default environment of IEEE 754. A program that rounds
 // otherwise, or flushes subnormal numbers to zero (gcc -ffast-math when it links), gets others.
@@ -40,8 +41,8 @@
 // Bytes of the candidates of a decision: a bit for each class, of which a model has at most 1024.
 #define GID_CANDIDATE_BYTES 128
 
-// How a call ended. Other values than 0 and 1 are errors: nothing has changed, nothing was written, and `gid_last_error`
-// has a sentence about it.
+// How a call ended. Other values than 0 and 1 are errors: nothing has changed, nothing was written (but by `gid_extract`),
+// and `gid_last_error` has a sentence about it.
 typedef enum {
     // Done.
     GID_OK = 0,
@@ -95,7 +96,7 @@ typedef struct {
     uint8_t hfmh;
 } gid_spec;
 
-// A model that was loaded. Zero is none.
+// A model that was loaded. Number 0 is never one.
 typedef struct {
     // Its number.
     uint64_t id;
@@ -115,7 +116,7 @@ typedef struct {
     bool synthetic;
 } gid_model_info;
 
-// A stream of rows through a model. Zero is none.
+// A stream of rows through a model. Number 0 is never one.
 typedef struct {
     // Its number.
     uint64_t id;
@@ -123,7 +124,7 @@ typedef struct {
 
 // What a model says of the rows so far.
 typedef struct {
-    // The class with the smallest mean loss; the first of equal ones.
+    // Index, as of `gid_model_label`, of the class with the smallest mean loss; the first of equal ones.
     size_t label;
     // Its mean loss: the value by which classes are ranked.
     double loss;
@@ -136,8 +137,8 @@ typedef struct {
     // The classes that it may be: of class k bit `k % 8` of byte `k / 8`. None before the window is complete, and of a model
     // without such a rule.
     uint8_t candidates[GID_CANDIDATE_BYTES];
-    // 1 if it is like no class: the label then has no meaning. 0 if not, -1 before the window is complete, and of a model
-    // without such a rule.
+    // 1 if it is like no class: the label is then the nearest of the wrong ones. 0 if not, -1 before the window is complete,
+    // and of a model without such a rule.
     int8_t unknown;
     // Whether the window is complete.
     bool is_final;
@@ -180,16 +181,16 @@ gid_status gid_model_free(gid_model model);
 // What recordings a model is for, and how many labels it has.
 gid_status gid_model_get_info(gid_model model, gid_model_info *info);
 
-// Label `k`, UTF-8, until the model is freed. Null on an error.
+// Label `k`, UTF-8, until the model is freed. Null on an error. Not for a real-time loop: it takes a lock.
 const char *gid_model_label(gid_model model, size_t k);
 
-// Name of axis `k`, UTF-8, until the model is freed. Null on an error.
+// Name of axis `k`, likewise.
 const char *gid_model_axis(gid_model model, size_t k);
 
 // Makes a stream before its first row, and all the memory that it will need.
 gid_status gid_stream_new(gid_model model, gid_stream *stream);
 
-// Frees a stream.
+// Frees a stream; not while another thread is in a call on it, which is `GID_BUSY`.
 gid_status gid_stream_free(gid_stream stream);
 
 // Takes rows, `n` values in all, each row a value per axis in N and N m, until the window is complete. `GID_FULL` if rows are

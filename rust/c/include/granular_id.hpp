@@ -5,7 +5,7 @@
 //     granular_id::Stream stream(model);                        // throws granular_id::Error
 //     if (stream.push(row) == GID_FULL) {                       // from here on nothing throws
 //         granular_id::Decision decision;
-//         if (stream.decide(decision) == GID_OK) { use(model.label(decision.label)); }
+//         if (stream.decide(decision) == GID_OK) { act_on(decision.label); } // model.label takes a lock
 //         stream.reset();
 //     }
 #ifndef GRANULAR_ID_HPP
@@ -30,7 +30,7 @@ inline std::string last_error() {
     return text;
 }
 
-// Why a model or stream cannot be made.
+// Why a call failed.
 class Error : public std::runtime_error {
 public:
     explicit Error(gid_status status) : std::runtime_error(last_error()), status_(status) {}
@@ -39,6 +39,11 @@ public:
 private:
     gid_status status_;
 };
+
+// Throws if a call failed: for calls outside a real-time loop.
+inline void check(gid_status status) {
+    if (status > GID_FULL) { throw Error(status); }
+}
 
 // A view of values that somebody else owns: of an array, or of whatever has data() and size().
 template <class T> class View {
@@ -70,7 +75,8 @@ template <class Handle, gid_status (*free_handle)(Handle)> class Owned {
 public:
     Owned(Owned &&other) noexcept : handle_(std::exchange(other.handle_, Handle{})) {}
     Owned &operator=(Owned &&other) noexcept {
-        std::swap(handle_, other.handle_);
+        Owned taken(std::move(other)); // frees what was here
+        std::swap(handle_, taken.handle_);
         return *this;
     }
     Owned(const Owned &) = delete;
@@ -83,9 +89,6 @@ protected:
     ~Owned() {
         if (handle_.id != 0) { free_handle(handle_); }
     }
-    static void check(gid_status status) {
-        if (status != GID_OK) { throw Error(status); }
-    }
     Handle handle_{};
 };
 
@@ -93,8 +96,9 @@ protected:
 class Model : public Owned<gid_model, gid_model_free> {
 public:
     // From a file.
-    explicit Model(const std::string &path) {
-        check(gid_model_load(path.c_str(), &handle_));
+    explicit Model(const std::string &path) : Model(path.c_str()) {}
+    explicit Model(const char *path) {
+        check(gid_model_load(path, &handle_));
         finish();
     }
     // From the bytes of a file.
@@ -102,7 +106,7 @@ public:
         check(gid_model_load_bytes(bytes.data(), bytes.size(), &handle_));
         finish();
     }
-    // Labels, axes, rows of a window, rate, whether simulated recordings trained it.
+    // Numbers of labels, of axes and of rows of a window; rate; whether simulated recordings trained it.
     [[nodiscard]] const gid_model_info &info() const noexcept { return info_; }
     // Label k and the name of axis k, until the model ends; empty beyond the last.
     [[nodiscard]] std::string_view label(std::size_t k) const noexcept { return text(gid_model_label(handle_, k)); }
@@ -114,7 +118,8 @@ private:
     gid_model_info info_{};
 };
 
-// Rows in, decisions out, for one thread at a time. It outlives its model.
+// Rows in, decisions out, for one thread at a time. It goes on when its model has ended. No other thread may be in a call when
+// it ends: it would not be freed.
 class Stream : public Owned<gid_stream, gid_stream_free> {
 public:
     explicit Stream(const Model &model) { check(gid_stream_new(model.handle(), &handle_)); }
