@@ -56,10 +56,12 @@ def _broken(line: str, width: int) -> list[str]:
         return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     typed = line.lstrip().startswith("granular-id ")
+    if typed:  # a shell takes a break within quotes for part of the word
+        line = re.sub(r"'[^']*'|\"[^\"]*\"", lambda quoted: quoted[0].replace(" ", "\0"), line)
     pieces = textwrap.wrap(
         line, width - 2 * typed, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
-    return [*(piece + " \\" * typed for piece in pieces[:-1]), pieces[-1]]
+    return [*(piece.replace("\0", " ") + " \\" * typed for piece in pieces[:-1]), pieces[-1].replace("\0", " ")]
 
 
 def warn_of_setups(differences: Iterable[str], *, err: bool = False) -> None:
@@ -77,6 +79,8 @@ def print_table(table: Table, *, strong: bool = False, details: bool = True, roo
     """
     n_lines, rows = show(table.title, "bold yellow" if strong else "bold"), table.rows
     room -= n_lines + 1 + sum(len(note) // COLUMNS + 1 for note in table.notes)
+    if not details:  # a row takes a line or more, and drawing takes time
+        rows = rows[: max(room, _LEAST_ROWS)]
     drawn = _drawn(table, rows)
     while not details and len(rows) > _LEAST_ROWS and len(drawn) > room:
         rows = rows[:-1]
