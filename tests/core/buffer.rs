@@ -2,10 +2,10 @@
 //! with clocks that drift, rows that are late, steps and restarts.
 
 use granular_id::buffer::{
-    host_ns, wrench_buffer, BufferSpec, BufferedRow, DeviceClock, Fill, Pushed, Reader, Row, WindowError,
-    WindowSpec, Writer, MAX_AXES, MAX_REORDER_DEPTH, MAX_ROWS,
+    host_ns, wrench_buffer, BufferSpec, BufferedRow, DeviceClock, Fill, Pushed, Reader, Row, WindowSpec,
+    Writer, MAX_AXES, MAX_REORDER_DEPTH, MAX_ROWS,
 };
-use granular_id::wrench::{KNOWN_FLAGS, SAMPLE_FLAGS, SATURATED};
+use granular_id::wrench::{KNOWN_FLAGS, SAMPLE_FLAGS};
 use granular_id::Error;
 
 /// A buffer of `capacity` rows in which a tick is a period.
@@ -66,20 +66,6 @@ fn capacity_is_seconds_times_rate_rounded_up() {
 }
 
 #[test]
-fn readers_get_the_newest_capacity_rows() {
-    let (mut writer, mut reader) = buffer(5, 0);
-    let mut twin = reader.clone();
-    push(&mut writer, 0..12);
-    let mut rows = [BufferedRow::EMPTY; 9];
-    let taken = reader.read(&mut rows).unwrap();
-    assert_eq!((taken.n_rows, taken.missed), (5, 7));
-    assert_eq!(rows.map(|row| row.row.ticks)[..5], [7, 8, 9, 10, 11]);
-    assert_eq!(read(&mut twin), [7, 8, 9, 10, 11], "a clone has a place of its own");
-    assert_eq!(reader.from_now().n_ahead(), 0);
-    assert_eq!(read(&mut reader.from_oldest()), [7, 8, 9, 10, 11]);
-}
-
-#[test]
 fn rows_may_have_any_number_of_axes() {
     for n_axes in [1, 3, 12, MAX_AXES] {
         let spec = BufferSpec::default().with_seconds(0.01).with_tick_hz(500.0).with_reorder_depth(2);
@@ -103,30 +89,6 @@ fn rows_may_have_any_number_of_axes() {
     writer.push(&row(0).with([1.0, 2.0]));
     let mut rows = [BufferedRow::EMPTY.with([0.0; 2])];
     assert_eq!((reader.read(&mut rows).unwrap().n_rows, rows[0].row.wrench), (1, [1.0, 2.0]));
-}
-
-#[test]
-fn a_late_row_finds_its_place_within_the_depth() {
-    let (mut writer, mut reader) = buffer(20, 3);
-    let pushed = push(&mut writer, [0, 1, 3, 5, 4, 2]);
-    assert_eq!(pushed[2..5], [Pushed::Held; 3]);
-    assert_eq!(pushed[5], Pushed::Written);
-    assert_eq!(read(&mut reader), [0, 1, 2, 3, 4, 5]);
-    assert_eq!((reader.stats().reordered, reader.stats().gaps, reader.stats().held), (2, 0, 0));
-    // Row 6 never comes: the fourth that would wait for it ends the wait.
-    assert_eq!(push(&mut writer, [7, 8, 9])[2], Pushed::Held);
-    assert_eq!(reader.n_ahead(), 0);
-    assert_eq!(push(&mut writer, [10, 6]), [Pushed::Written, Pushed::Late]);
-    assert_eq!(read(&mut reader), [7, 8, 9, 10]);
-}
-
-#[test]
-fn what_waits_is_written_when_nothing_more_comes() {
-    let (mut writer, mut reader) = buffer(20, 3);
-    push(&mut writer, [0, 2]);
-    assert_eq!(reader.stats().held, 1);
-    writer.flush();
-    assert_eq!((read(&mut reader), reader.stats().held), (vec![0, 2], 0));
 }
 
 #[test]
@@ -172,41 +134,6 @@ fn eight_late_rows_in_a_row_are_a_restart() {
     let (mut writer, reader) = buffer(50, 0);
     push(&mut writer, (0..40).flat_map(|n| [100 + n, n]));
     assert_eq!((reader.stats().epochs, reader.stats().late), (0, 40));
-}
-
-#[test]
-fn a_new_epoch_without_rows_is_none() {
-    let (mut writer, mut reader) = buffer(20, 0);
-    writer.new_epoch();
-    push(&mut writer, [5]);
-    writer.new_epoch();
-    writer.new_epoch();
-    push(&mut writer, [5]);
-    assert_eq!((writer.epoch(), reader.stats().epochs), (1, 1));
-    assert_eq!((read(&mut reader), read(&mut reader)), (vec![5], vec![5]));
-}
-
-#[test]
-fn windows_refuse_with_the_reason() {
-    let (mut writer, reader) = buffer(20, 0);
-    let refused = |spec: WindowSpec| reader.window(&spec).unwrap_err();
-    assert_eq!(refused(WindowSpec::whole(1)), WindowError::TooFew { n: 1, have: 0 });
-    push(&mut writer, [0, 1, 4, 5]);
-    assert_eq!(refused(WindowSpec::whole(21)), WindowError::TooLong { n: 21, capacity: 20 });
-    assert_eq!(refused(WindowSpec::whole(3)), WindowError::Gap { missing: 2, max_gap: 0, ago: 1 });
-    let filled = |n| WindowSpec::whole(n).with_fill(Fill::Linear).with_max_gap(2);
-    let window = reader.window(&filled(5)).unwrap();
-    assert_eq!(window.mask, [true, false, false, true, true]);
-    assert_eq!(window.wrench.chunks(6).map(|row| row[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 4.0, 5.0]);
-    assert_eq!(refused(filled(7)), WindowError::TooFew { n: 7, have: 6 });
-    writer.push(&Row { flags: SATURATED, ..row(6) });
-    push(&mut writer, [7]);
-    assert_eq!(refused(WindowSpec::whole(2)), WindowError::Saturated { ago: 1 });
-    assert!(reader.window(&WindowSpec::whole(2).with_allow_saturated(true)).is_ok());
-    writer.new_epoch();
-    push(&mut writer, [0]);
-    assert_eq!(refused(WindowSpec::whole(2)), WindowError::EpochBorder { n: 2, have: 1 });
-    assert!(reader.window(&WindowSpec::whole(0)).unwrap().mask.is_empty());
 }
 
 #[test]

@@ -223,6 +223,7 @@ fn errors_tell_what_and_where() {
             "{error}"
         );
     }
+    assert_eq!(ModelError::from(Error::Memory { bytes: 8 }).to_string(), "no memory for 8 bytes");
     let rate = error(|small| small.spec.rate_hz = -1.0);
     assert!(matches!(rate, ModelError::Spec(Error::Argument { what: "rate_hz", .. })));
 }
@@ -271,12 +272,6 @@ fn wrong_lengths_and_numbers_are_errors() {
         model.scores_into(&[0.0; 3], 1, 1, &mut out),
         Err(Error::Length { what: "out", expected: 3, got: 2 })
     );
-}
-
-#[test]
-fn models_are_shared_between_threads() {
-    fn shared<T: Send + Sync>(_: &T) {}
-    shared(&Small::new().model().unwrap());
 }
 
 #[test]

@@ -27,26 +27,6 @@ fn run(rdt: u32, ft: u32, step: u32, count: u32) -> Vec<(u32, u32)> {
     (0..count).map(|i| (rdt.wrapping_add(i), ft.wrapping_add(i.wrapping_mul(step)))).collect()
 }
 
-fn adds_up(counts: &Counts) -> bool {
-    let Counts { records, rows, duplicates, stale, implausible, out_of_range, .. } = *counts;
-    records == rows + duplicates + stale + implausible + out_of_range
-}
-
-#[test]
-fn a_whole_stream() {
-    let (rows, counts) = placed(&run(1, 700, 14, 1000));
-    assert_eq!(rows, (0..1000).map(|i| (0, 700 + 14 * i)).collect::<Vec<_>>());
-    assert_eq!(counts, Counts { records: 1000, rows: 1000, ..Counts::default() });
-}
-
-#[test]
-fn both_numbers_wrap() {
-    let (rows, counts) = placed(&run(u32::MAX - 99, u32::MAX - 500, 14, 200));
-    let first = u64::from(u32::MAX) - 500;
-    assert_eq!(rows, (0..200).map(|i| (0, first + 14 * i)).collect::<Vec<_>>());
-    assert_eq!(counts, Counts { records: 200, rows: 200, ..Counts::default() });
-}
-
 #[test]
 fn records_lost_before_the_first_are_known() {
     let (rows, counts) = placed(&run(1, 0, 14, 10)[3..]);
@@ -329,7 +309,8 @@ proptest! {
             .map(|(rdt, ft)| (rdt.wrapping_add(offset.0), ft.wrapping_mul(7).wrapping_add(offset.1)))
             .collect();
         let (rows, counts) = placed(&records);
-        prop_assert!(adds_up(&counts), "{:?}", counts);
-        prop_assert_eq!(rows.len() as u64, counts.rows);
+        let Counts { rows: n_rows, duplicates, stale, implausible, out_of_range, .. } = counts;
+        prop_assert_eq!(counts.records, n_rows + duplicates + stale + implausible + out_of_range);
+        prop_assert_eq!(rows.len() as u64, n_rows);
     }
 }

@@ -28,7 +28,15 @@ prop_compose! {
         steady in any::<bool>(),
         (raw, hfmh) in prop_oneof![Just((true, true)), Just((true, false)), Just((false, true))],
     ) -> FeatureSpec {
-        FeatureSpec::default().with_order(order).with_cutoff_hz(cutoff_hz).with_n_bins(n_bins).with_bin_ranges(vec![(low, low + width)]).with_outside(if clip { Outside::Clip } else { Outside::Drop }).with_initial(if steady { Initial::Steady } else { Initial::Zero }).with_raw(raw).with_hfmh(hfmh)
+        FeatureSpec::default()
+            .with_order(order)
+            .with_cutoff_hz(cutoff_hz)
+            .with_n_bins(n_bins)
+            .with_bin_ranges(vec![(low, low + width)])
+            .with_outside(if clip { Outside::Clip } else { Outside::Drop })
+            .with_initial(if steady { Initial::Steady } else { Initial::Zero })
+            .with_raw(raw)
+            .with_hfmh(hfmh)
     }
 }
 
