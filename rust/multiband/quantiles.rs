@@ -179,7 +179,6 @@ fn place(bin: i16) -> usize {
 }
 
 /// The bits that choose the bin of a number.
-#[allow(clippy::cast_possible_truncation)] // those that are left
 #[inline(always)]
 fn word(z: f32) -> i16 {
     ((z.to_bits() >> (u32::BITS - BITS)) as u16).cast_signed()

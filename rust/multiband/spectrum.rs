@@ -172,7 +172,7 @@ const QUAD: usize = 4;
 /// Four numbers; every operation is that of each lane.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C, align(16))]
-struct Quad(pub(super) [f32; QUAD]);
+struct Quad([f32; QUAD]);
 
 macro_rules! operators {
     ($($operator:ident $method:ident $sign:tt),*) => {$(

@@ -63,7 +63,7 @@ impl PyFeatureSpec {
         text_signature = "(*, rate_hz=500.0, cutoff_hz=23.0, order=8, n_bins=100, bin_range=(-1.5, 1.5), \
                           raw=True, hfmh=True, outside='drop', density=False, initial='zero')"
     )]
-    #[allow(clippy::too_many_arguments, clippy::fn_params_excessive_bools)] // by keyword alone
+    #[allow(clippy::too_many_arguments)] // by keyword alone
     fn new(
         #[pyo3(from_py_with = named::rate_hz)] rate_hz: f64,
         #[pyo3(from_py_with = named::cutoff_hz)] cutoff_hz: f64,

@@ -371,10 +371,10 @@ const MOST_TICKS: f64 = (1_u64 << 63) as f64;
 
 /// One row whose time may still be missing.
 struct GivenRow<'a> {
-    pub(super) wrench: &'a [f64],
-    pub(super) ticks: Option<u64>,
-    pub(super) flags: u8,
-    pub(super) host_ns: u64,
+    wrench: &'a [f64],
+    ticks: Option<u64>,
+    flags: u8,
+    host_ns: u64,
 }
 
 /// Several rows, checked, which nothing else may write to.
@@ -387,7 +387,7 @@ struct Rows<'py> {
 }
 
 impl<'py> Rows<'py> {
-    pub(super) fn new(
+    fn new(
         wrench: &Bound<'py, PyAny>,
         t: Option<&Bound<'py, PyAny>>,
         flags: Option<&Bound<'py, PyAny>>,
@@ -412,7 +412,7 @@ impl<'py> Rows<'py> {
         Ok(Self { wrench, n_axes, ticks, flags, host_ns })
     }
 
-    pub(super) fn given(&self) -> PyResult<impl Iterator<Item = GivenRow<'_>> + '_> {
+    fn given(&self) -> PyResult<impl Iterator<Item = GivenRow<'_>> + '_> {
         let Self { wrench, n_axes, ticks, flags, host_ns } = self;
         Ok(wrench.as_slice()?.chunks_exact(*n_axes).enumerate().map(move |(row, wrench)| GivenRow {
             wrench,

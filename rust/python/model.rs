@@ -76,7 +76,7 @@ const PAPER_SAMPLES: usize = 1600;
 /// -----
 /// Scores are added in one order (see :doc:`/reference/model_file`), so that batches, streams and other readers of the file
 /// agree bit for bit.
-#[allow(clippy::doc_markdown, clippy::doc_link_with_quotes)] // numpydoc, read by Python
+#[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "Model", module = "granular_id._core")]
 pub(super) struct PyModel {
     pub(super) model: Arc<Model>,
@@ -446,7 +446,6 @@ fn features<'a>(spec: &'a Bound<'_, PyAny>) -> PyResult<(Features<'a>, Option<(u
 }
 
 /// Parts come from the caller, not from a file.
-#[allow(clippy::needless_pass_by_value)] // for `map_err`
 fn bad_part(error: ModelError) -> PyErr {
     match error {
         ModelError::Spec(error) => error.raise(),
@@ -455,7 +454,6 @@ fn bad_part(error: ModelError) -> PyErr {
 }
 
 /// Bytes that are no model.
-#[allow(clippy::needless_pass_by_value)] // for `map_err`
 fn no_model(error: ModelError) -> PyErr {
     match error {
         ModelError::Spec(error @ Error::Memory { .. }) => error.raise(),

@@ -166,7 +166,6 @@ impl PyStreamingExtractor {
 /// Scores of a complete window are those of `Model.scores`, bit for bit. Before, samples that have not arrived count as
 /// `Model.raw_mean`, 0 where the model has none, and counts are scaled by ``n_samples / n_seen``; multi-band features are
 /// those of the rows so far, taken as the beginning of a recording. Windows and threads: as `StreamingExtractor`.
-#[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "StreamingIdentifier", module = "granular_id._core")]
 pub(super) struct PyStreamingIdentifier {
     #[pyo3(get)]

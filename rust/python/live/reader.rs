@@ -44,7 +44,6 @@ const BETWEEN_SIGNALS: Duration = Duration::from_millis(50);
 /// >>> block = reader.read()
 /// >>> block.missed, block.wrench[:, 2].tolist()
 /// (2, [2.0, 3.0, 4.0, 5.0, 6.0])
-#[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "WrenchReader", module = "granular_id.live")]
 pub(crate) struct PyWrenchReader {
     reader: Mutex<Reader>,
