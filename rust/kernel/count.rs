@@ -38,24 +38,24 @@ const _: () = assert!(MAX_WIDTH * LANES * (MAX_BINS + 2) < 1 << 20);
 /// The cells of one row, counted from `MAGIC_HIGH`, in any order.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
-pub(crate) struct Cells<const W: usize>(pub(crate) [[u32; LANES]; W]);
+struct Cells<const W: usize>([[u32; LANES]; W]);
 
 /// Histogram parameters of a row of lanes.
 #[derive(Clone, Debug)]
 pub(crate) struct LaneBins<'a, const W: usize> {
-    pub(crate) scale: Row<W>,
-    pub(crate) offset: Row<W>,
+    scale: Row<W>,
+    offset: Row<W>,
     /// The middle of the cell below the range.
-    pub(crate) bottom: Row<W>,
+    bottom: Row<W>,
     /// The middle of the cell above the range.
-    pub(crate) top: Row<W>,
+    top: Row<W>,
     /// A fraction of at most this, in units of 2^-32, is next to an edge.
-    pub(crate) limit: u32,
+    limit: u32,
     /// The edge nearest to zero, where silent axes stay, and what the arithmetic gives for it.
-    pub(crate) zero_edge: Row<W>,
-    pub(crate) zero_cell: Row<W>,
+    zero_edge: Row<W>,
+    zero_cell: Row<W>,
     /// How far from `zero_cell` a value is next to that edge; half of `limit`.
-    pub(crate) reach: f64,
+    reach: f64,
     lanes: Vec<&'a UniformBins>,
     stride: usize,
 }
