@@ -170,7 +170,7 @@ pub struct BufferedRow<W = [f64; 6]> {
 const ROW_WORDS: usize = 4;
 
 impl BufferedRow {
-    /// A row of any content, to be overwritten: room for [`Reader::read`](Reader::read).
+    /// A row of any content, to be overwritten: room for [`Reader::read`].
     pub const EMPTY: Self =
         Self { row: Row { ticks: 0, host_ns: 0, wrench: [0.0; 6], flags: 0 }, missing_before: 0, epoch: 0 };
 }

@@ -50,8 +50,8 @@ struct Analog {
 ///
 /// # Errors
 /// [`Error::Range`] and [`Error::Argument`] name the argument that is out of range; also `order` and `sos` where the
-/// numbers are allowed one by one, yet the band is so narrow or
-/// so close to an end of the spectrum that float64 cannot hold the filter.
+/// numbers are allowed one by one, yet the band is so narrow or so close to an end of the spectrum that float64 cannot hold
+/// the filter.
 ///
 /// # Example
 /// ```

@@ -13,9 +13,8 @@ use super::{Section, Sos};
 use crate::error::{Error, Result};
 use crate::memory::filled;
 
-/// Values of a stretch of samples, which stay in the first-level cache: one group of sections filters them before the next
-/// group takes over.
-const STRETCH: usize = 1024;
+/// Rows that one group of sections filters before the next takes over: they stay in the first-level cache.
+const STRETCH: usize = 128;
 
 /// Sections that channels pass through together.
 const GROUP: usize = 4;
@@ -87,7 +86,7 @@ impl SosState {
         if rows * *channels != chunk.len() {
             return Err(Error::Length { what: "chunk", expected: rows * *channels, got: chunk.len() });
         }
-        for rows in chunk.chunks_mut((STRETCH / CHANNELS).max(1) * (*channels).max(1)) {
+        for rows in chunk.chunks_mut(STRETCH * (*channels).max(1)) {
             for (s, z) in sos.sections().chunks(GROUP).zip(values.chunks_mut(2 * GROUP * *channels)) {
                 for first in (0..*channels).step_by(CHANNELS) {
                     side_by_side(s, z, *channels, first, rows);
@@ -102,15 +101,10 @@ impl SosState {
         let per_section = 2 * self.channels.max(1);
         for (values, zi) in self.values.chunks_exact_mut(per_section).zip(steady) {
             let (z0, z1) = values.split_at_mut(self.channels);
-            for (((z0, z1), x), [zi0, zi1]) in z0.iter_mut().zip(z1).zip(first).zip(std::iter::repeat(zi)) {
-                (*z0, *z1) = (zi0 * x, zi1 * x);
+            for ((z0, z1), x) in z0.iter_mut().zip(z1).zip(first) {
+                (*z0, *z1) = (zi[0] * x, zi[1] * x);
             }
         }
-    }
-
-    /// Per section `z0` of every channel, then `z1`; for callers inside the crate that gather and scatter states.
-    fn values_mut(&mut self) -> &mut [f64] {
-        &mut self.values
     }
 }
 
@@ -125,9 +119,9 @@ impl Section {
     }
 }
 
-/// One sample through one section in each of `L` lanes: the one order of operations. A lane is a
-/// channel. A separate loop per result keeps each one a plain vector operation. `MONIC`: `b0` and `b2` are one, and a
-/// multiplication by one changes no bit.
+/// One sample through one section in each of `L` lanes: the one order of operations. A lane is a channel. A separate loop
+/// per result keeps each one a plain vector operation. `MONIC`: `b0` and `b2` are one, and a multiplication by one changes
+/// no bit.
 #[inline(always)]
 pub(crate) fn biquad_step<const L: usize, const MONIC: bool>(
     [b0, b1, b2, a1, a2]: &Coefficients<L>,
@@ -268,13 +262,13 @@ pub fn sosfilt_from(sos: &Sos, x: &mut [f64], along: AlongAxis, z: &mut [f64]) -
     for index in 0..along.outer {
         // The state of one block is scattered over the sections of `z`.
         let pairs = z.chunks_exact(pair).skip(index).step_by(along.outer);
-        for (to, from) in state.values_mut().chunks_exact_mut(pair).zip(pairs) {
+        for (to, from) in state.values.chunks_exact_mut(pair).zip(pairs) {
             to.copy_from_slice(from);
         }
         let block = along.len * along.inner;
         state.filter(&mut x[index * block..(index + 1) * block])?;
         let pairs = z.chunks_exact_mut(pair).skip(index).step_by(along.outer);
-        for (to, from) in pairs.zip(state.values().chunks_exact(pair)) {
+        for (to, from) in pairs.zip(state.values.chunks_exact(pair)) {
             to.copy_from_slice(from);
         }
     }

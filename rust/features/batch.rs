@@ -48,6 +48,7 @@ impl Extractor {
     }
 
     /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
+    #[doc(hidden)]
     pub fn extract_on(
         &self,
         path: SimdPath,

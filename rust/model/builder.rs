@@ -100,7 +100,11 @@ impl Model {
         let extraction = parts.features.checked(n_samples, n_axes)?;
         let (n_raw, n_features) = extraction.n_features(n_samples, n_axes)?;
         intercept.check_shape("intercept", &[n_learners.max(1)], "(L,), one per learner")?;
-        coef.check_shape("coef", &[n_learners, n_features], format_args!("({n_learners}, {n_features}), as many rows as intercept and {n_features} features for n_samples = {n_samples}, n_axes = {n_axes} and the feature_spec"))?;
+        let wanted = format_args!(
+            "({n_learners}, {n_features}), as many rows as intercept and {n_features} features for \
+             n_samples = {n_samples}, n_axes = {n_axes} and the feature_spec"
+        );
+        coef.check_shape("coef", &[n_learners, n_features], wanted)?;
         coding_matrix.check_shape(
             "coding_matrix",
             &[n_classes, n_learners],
@@ -192,7 +196,10 @@ impl<'a> ModelParts<'a> {
             let (seen, margin) = (early.at(2 * row), early.at(2 * row + 1));
             if !(seen > before && seen <= n_samples as f64 && seen.fract() == 0.0 && margin >= 0.0) {
                 let (seen, margin) = (short_number(seen), short_number(margin));
-                let problem = format!("must be (samples seen, margin): whole, rising, from 1 to {n_samples}; at least 0. Got ({seen}, {margin})");
+                let problem = format!(
+                    "must be (samples seen, margin): whole, rising, from 1 to {n_samples}; at least 0. \
+                     Got ({seen}, {margin})"
+                );
                 return Err(ModelError::part(format!("early[{row}]"), problem));
             }
             before = seen;

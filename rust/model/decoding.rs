@@ -103,7 +103,7 @@ pub struct Answer {
     /// Indices of the classes that the recording may be by the [`Rules`](super::Rules) of the model, the likeliest first
     /// and at least one; empty without such a rule.
     pub candidates: Vec<usize>,
-    /// True if the recording is like none of the classes: `best` then has no meaning. `None` without such a rule.
+    /// True if the recording is like none of the classes: `best` is then the nearest of the wrong ones. `None` without such a rule.
     pub unknown: Option<bool>,
 }
 

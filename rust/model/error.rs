@@ -46,7 +46,7 @@ pub enum ModelError {
     #[error("what the file holds does not have the hash that content_sha256 names: the file was damaged or changed")]
     Damaged,
     /// A feature specification that cannot be, or no memory for the model.
-    #[error("feature_spec: {0}")]
+    #[error("{place}{error}", place = if matches!(.0, Error::Memory { .. }) { "" } else { "feature_spec: " }, error = .0)]
     Spec(#[from] Error),
     /// A tensor, a size, or an entry of the metadata that is missing, unknown, or does not fit the others.
     #[error("{what} {problem}")]

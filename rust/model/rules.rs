@@ -352,7 +352,7 @@ impl Novelty {
             let d = along.iter().zip(place).fold(0.0, |sum, (u, place)| sum + (u - place) * (u - place));
             of_d * d + of_e * e
         });
-        // What is no number is like nothing.
+        // A NaN is no distance: such a recording is like no class.
         each.fold(f64::INFINITY, f64::min)
     }
 }

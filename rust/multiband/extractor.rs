@@ -114,7 +114,7 @@ impl MultiBand {
         })
     }
 
-    /// What tells workspaces apart.
+    /// By what workspaces differ.
     fn work_key(&self) -> (usize, usize, MultiBandSpec) {
         (self.n_samples, self.n_axes, self.spec)
     }

@@ -20,7 +20,8 @@ create_exception!(
     granular_id,
     GranularIdError,
     PyValueError,
-    "Input that granular_id refuses: a ValueError whose message names the argument or file, and what is wanted.\n\nAll refusals of values are of this class or one below it, so that one ``except`` separates them from bugs."
+    "Input that granular_id refuses: a ValueError whose message names the argument or file, and what is \
+     wanted.\n\nAll refusals of values are of this class or one below it, so that one ``except`` separates them from bugs."
 );
 
 /// An error of the core that Python can raise.
