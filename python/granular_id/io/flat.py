@@ -126,7 +126,7 @@ def _recordings(columns: Mapping[str, Any]) -> list[Recording]:
         except (TypeError, ValueError) as error:
             raise GranularIdError(f"recording {i} ({about['name'][:60]!r}): {error}") from error
         if known:  # equal metadata are held once
-            recording = Recording._trusted(**{**vars(recording), "meta": metas[text]})
+            object.__setattr__(recording, "meta", metas[text])
         metas.setdefault(text, recording.meta)
         found.append(recording)
     return found

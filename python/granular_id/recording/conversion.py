@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import FloatArray, checked_text, frozen_mapping, locked
+from granular_id._checks import FloatArray, checked_text, locked
 from granular_id._core import AXES
 from granular_id._text import alternatives, in_both
 from granular_id.recording.clock import (
@@ -54,7 +54,6 @@ from granular_id.recording.recording import (
     SampleFlag,
     checked_axes,
     unit_of,
-    with_named_units,
 )
 
 _MOST_OFFERED = 3
@@ -217,7 +216,7 @@ def _notes_on(cells: Mapping[str, NDArray[Any]], called: Mapping[str, str], tabl
 
 def _numbers_rows(values: NDArray[Any]) -> bool:
     """Return True if no value of a column occurs again: it numbers samples, not recordings."""
-    return len(values) > 1 and len(set(values.tolist())) == len(values)
+    return len(values) > 1 and len(set(map(str, values.tolist()))) == len(values)
 
 
 def _named_cells(
@@ -382,33 +381,22 @@ class _Part:
                 way, mend = self._ways_apart()
                 parts = (*parts, *way)
             raise TableError(parts, row, self._picked.called.get(TIME), mend=mend) from error
-        n, trigger = len(self._wrench), self._trigger
-        if trigger is not None and not 0 <= trigger < n:
-            raise TableError(f"trigger_index={trigger} is outside the {n} samples")
         units = {"units": self._picked.units} if self._picked.units else {}
         meta = {**units, **self._table.meta, **self._stated.meta}
+        self._wrench.flags.writeable = False  # not copied, then
         known: dict[str, Any] = {
-            "wrench": self._wrench,
-            "axes": self._picked.axes,
             "rate_hz": rate_hz,
             "time_s": time_s,
             "label": self._text("label", meta),
             "session": self._text("session", meta),
             "start_time": start_time if self._stated.start_time is None else self._stated.start_time,
-            "trigger_index": trigger,
-            "flags": None if self._flags is None or not self._flags.any() else self._flags,
+            "trigger_index": self._trigger,
+            "flags": self._flags,
         }
-        for array in (known["wrench"], known["time_s"], known["flags"]):
-            if array is not None:
-                array.flags.writeable = False
         try:
-            known["name"] = checked_text(self._name, "name", empty=True)
-            if meta:
-                named = with_named_units(meta, self._picked.axes) if "units" in meta else meta
-                known["meta"] = frozen_mapping("meta", named)
+            return Recording(self._wrench, meta=meta, name=self._name, axes=self._picked.axes, **known)
         except (TypeError, ValueError) as error:
             raise TableError(str(error)) from error
-        return Recording._trusted(**known)
 
     def _keep(self, samples: NDArray[np.intp]) -> None:
         """Keep some samples, in this order."""

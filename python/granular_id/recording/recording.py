@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import IntFlag
 from typing import Any, TypeVar
 
@@ -17,7 +17,6 @@ from granular_id._checks import (
     checked_index,
     checked_text,
     finite_number,
-    freeze,
     frozen_mapping,
     locked,
     thaw,
@@ -147,13 +146,6 @@ class Recording:
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
-    @classmethod
-    def _trusted(cls, **fields: Any) -> Recording:
-        """Make a recording of fields that are as the constructor would leave them, without checking them again."""
-        recording = object.__new__(cls)
-        recording.__dict__.update(_DEFAULTS, **fields)
-        return recording
-
     @property
     def n_samples(self) -> int:
         """Number of samples T."""
@@ -202,12 +194,6 @@ class Recording:
         # unpickled arrays are writable and read-only mappings do not pickle: go through the checks again
         fields = (thaw(self.meta) if n == "meta" else getattr(self, n) for n in self.__dataclass_fields__)
         return (Recording, tuple(fields))
-
-
-_DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Recording) if f.default is not MISSING} | {
-    "meta": freeze({}, "meta"),
-    "axes": AXES,
-}
 
 
 def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str, ...]]:

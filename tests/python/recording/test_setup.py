@@ -90,8 +90,16 @@ def test_a_replay_of_several_set_ups_is_compared_one_by_one(data, name):
             replayed(changed, model)
 
 
-@pytest.mark.parametrize("name", ["units", *(field.name for field in fields(Setup))])
-def test_each_mismatch_is_refused_or_warned_of(data, model, name):
+@pytest.mark.parametrize("name", [field.name for field in fields(Setup)])
+def test_setup_each_difference_has_its_consequence(name):
+    trained = Setup.of(FLANGE)
+    (found,) = trained.differences(replace(trained, **{"serial": None, name: "another"}))
+    wanted = "refuse" if name in ACCEPTABLE else "warn"
+    assert (found.name, found.now, found.consequence) == (name, "another", wanted)
+
+
+@pytest.mark.parametrize("name", ["units", "frame", "sensor", "read_as"])
+def test_setup_mismatch_is_refused_or_warned_of(data, model, name):
     other = {"units": {"fx": "mN"}} if name == "units" else {name: "another"}
     meta = {**FLANGE, **other}
     if name == "sensor":
