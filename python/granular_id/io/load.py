@@ -346,7 +346,11 @@ class _Reading:
     def _reads_another(self, source: FileSource) -> bool:
         """Whether another file can be read: one of those before, or of the next few."""
         after = self._found.files.index(source) + 1
-        return after > 1 or any(_can_read(other, self._options) for other in self._found.files[after:][:_FEW])
+        for other in self._found.files[after:][:_FEW]:
+            with suppress(GranularIdError):
+                _tried(other, self._options)
+                return True
+        return after > 1
 
     def dataset(self, reads: Sequence[_Read]) -> Dataset:
         """Put together what was read since the last time, with a report."""
@@ -388,13 +392,6 @@ def _tried(source: FileSource, options: LoadOptions) -> None:
             _made(known.read(stated, options), stated)
         except Exception as reason:
             raise failed(source.path, f"reading it as {known.name}", reason) from reason
-
-
-def _can_read(source: FileSource, options: LoadOptions) -> bool:
-    with suppress(GranularIdError):
-        _tried(source, options)
-        return True
-    return False
 
 
 def _made(content: FileContent, source: FileSource) -> _Read:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -63,10 +63,12 @@ def _read_scipy(source: FileSource, left_out: list[str]) -> dict[str, Any]:
         warnings.simplefilter("error", UserWarning)  # scipy goes on without something
         warnings.simplefilter("ignore", DeprecationWarning)
         found = loadmat(source.path, simplify_cells=True, appendmat=False)
-    variables = {name: value for name, value in found.items() if not name.startswith("__")}
-    return {
-        name: node for name, value in variables.items() if (node := _node(value, name, left_out)) is not None
-    }
+    return _there((name, _node(found[name], name, left_out)) for name in found if not name.startswith("__"))
+
+
+def _there(nodes: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Return nodes by their names without those that are no data."""
+    return {name: node for name, node in nodes if node is not None}
 
 
 def _node(value: Any, name: str, left_out: list[str]) -> Any:
@@ -74,16 +76,8 @@ def _node(value: Any, name: str, left_out: list[str]) -> Any:
     from scipy.sparse import issparse
 
     if isinstance(value, Mapping):
-        return {
-            key: node
-            for key, item in value.items()
-            if (node := _node(item, f"{name}.{key}", left_out)) is not None
-        }
-    if (
-        isinstance(value, (list, np.ndarray))
-        and np.asarray(value, object).dtype == object
-        and not _is_plain(value)
-    ):
+        return _there((key, _node(item, f"{name}.{key}", left_out)) for key, item in value.items())
+    if isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         items = value.ravel().tolist() if isinstance(value, np.ndarray) else value
         if items and all(isinstance(item, str) for item in items):
             return Leaf(np.array(items, np.str_))
@@ -97,18 +91,13 @@ def _node(value: Any, name: str, left_out: list[str]) -> Any:
     return Leaf(array.astype(np.uint8) if array.dtype.kind == "b" else array)
 
 
-def _is_plain(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype != object
-
-
 # Version 7.3: sizes in reverse, MATLAB's classes as attributes, cells as references.
 
 
 def _read_v73(source: FileSource, left_out: list[str]) -> dict[str, Any]:
     with opened(source, "to read .mat files of version 7.3") as file:
         names = [name for name in file if not name.startswith("#")]
-        nodes = {name: _node73(file, file[name], name, left_out) for name in names}
-    return {name: node for name, node in nodes.items() if node is not None}
+        return _there((name, _node73(file, file[name], name, left_out)) for name in names)
 
 
 def _node73(file: Any, item: Any, name: str, left_out: list[str], depth: int = 0) -> Any:
@@ -142,20 +131,17 @@ def _struct73(file: Any, group: Any, name: str, left_out: list[str], depth: int)
         for item in fields.values()
     )
     if not listed:
-        nodes = {
-            key: _node73(file, item, f"{name}.{key}", left_out, depth + 1) for key, item in fields.items()
-        }
-        return {key: node for key, node in nodes.items() if node is not None}
-    columns = {
-        key: item[()].ravel() for key, item in fields.items()
-    }  # a struct array: a reference an element
-    n = min(map(len, columns.values()))
+        return _there(
+            (key, _node73(file, item, f"{name}.{key}", left_out, depth + 1)) for key, item in fields.items()
+        )
+    columns = [
+        (key, item[()].ravel()) for key, item in fields.items()
+    ]  # a struct array: a reference an element
+    n = min(len(refs) for _, refs in columns)
     return [
-        {
-            key: node
-            for key, refs in columns.items()
-            if (node := _node73(file, file[refs[i]], f"{name}({i + 1}).{key}", left_out, depth + 1))
-            is not None
-        }
+        _there(
+            (key, _node73(file, file[refs[i]], f"{name}({i + 1}).{key}", left_out, depth + 1))
+            for key, refs in columns
+        )
         for i in range(n)
     ]

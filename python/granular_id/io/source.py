@@ -45,10 +45,9 @@ def likeliest_first(values: Mapping[str, Collection[Any]]) -> list[str]:
 
     def key(name: str) -> tuple[bool, int]:
         texts = [str(value) for value in values[name]]
-        is_session = SESSION_LIKE.fullmatch(name.removeprefix("column:")) or all(
-            map(SESSION_LIKE.fullmatch, texts)
-        )
-        return bool(is_session), -len(texts)
+        called = name not in ("file", "folder") and SESSION_LIKE.fullmatch(name.removeprefix("column:"))
+        is_session = called or all(map(SESSION_LIKE.fullmatch, texts))
+        return bool(is_session) or len(texts) < 2, -len(texts)
 
     return sorted(values, key=key)
 

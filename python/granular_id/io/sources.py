@@ -193,7 +193,9 @@ def placed(source: FileSource, options: LoadOptions, path: Path, *, alone: bool 
             continue
         known[f"{what}_place"] = rule
         if rule == "file":  # a session is one file, whatever number it has
-            known[what] = label_of(path) or path.stem if what == "label" else _place_of(source)
+            inside = source.path.is_relative_to(source.root)
+            place = source.path.relative_to(source.root).as_posix() if inside else source.path.name
+            known[what] = label_of(path) or path.stem if what == "label" else place
         elif rule in ("folder", "parent"):
             folder = path.parent if rule == "folder" else path.parent.parent
             if not alone and source.root.resolve() not in (folder, *folder.parents):
@@ -206,11 +208,6 @@ def placed(source: FileSource, options: LoadOptions, path: Path, *, alone: bool 
                 above = [one for one in (folder, *folder.parents) if root in one.parents and one != of_label]
                 known[what] = "/".join(one.name for one in reversed(above)) or folder.name
     return replace(source, **known)  # type: ignore[arg-type]
-
-
-def _place_of(source: FileSource) -> str:
-    inside = source.path.is_relative_to(source.root)
-    return source.path.relative_to(source.root).as_posix() if inside else source.path.name
 
 
 def label_of(path: Path) -> str | None:

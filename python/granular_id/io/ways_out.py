@@ -150,30 +150,24 @@ def with_all_wanted(
     problems, last = [error.parts], error
     wanted, others = dict[str, Any](), list[dict[str, Any]]()
 
-    def refusal(way: Mapping[str, Any]) -> RecordingFileError | None:
+    def refusal(way: Mapping[str, Any]) -> GranularIdError | None:
         try:
             read(replace(options, **joined({"csv": options.csv} if options.csv else {}, way)))
-        except RecordingFileError as other:
+        except GranularIdError as other:
             return other
         return None
 
     while last.ways and not last.in_python and len(problems) <= _MOST_STEPS:
         best = next((way for way in last.ways if not is_unknown(way)), last.ways[0])
-        others = [
-            *others,
-            *(joined(wanted, way) for way in last.ways if way is not best and not is_unknown(way)),
-        ]
+        others += [joined(wanted, way) for way in last.ways if way is not best and not is_unknown(way)]
         wanted = joined(wanted, best)
         if is_unknown(wanted):
             break
-        try:
-            next_one = refusal(wanted)
-        except GranularIdError:
+        other = refusal(wanted)
+        if not isinstance(other, RecordingFileError) or other.parts in problems:
             break
-        if next_one is None or next_one.parts in problems:
-            break
-        last = next_one
-        problems.append(next_one.parts)
+        last = other
+        problems.append(other.parts)
     if len(problems) > 1:
         others = [way for way in others if refusal(way) is None]
     lines = [part for part in last.parts if isinstance(part, WayOut) and part.code]

@@ -134,6 +134,7 @@ def formats_of(tree: Tree) -> list[str]:
 
 
 def written(tree: Tree, form: str, folder: Path) -> Path:
+    folder.mkdir(exist_ok=True)
     path = folder / f"set.{form}"
     WRITERS[form](tree, path)
     return path

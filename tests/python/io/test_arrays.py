@@ -378,6 +378,23 @@ def test_labels_of_another_name_are_in_the_way_out(tmp_path, case, form, in_fold
     assert np.array_equal(data.X, SIX)
 
 
+@pytest.mark.parametrize("n_files", [2, 4])
+@pytest.mark.parametrize("form", WRITERS)
+def test_texts_against_names_of_files_have_both_ways(tmp_path, form, n_files):
+    for name in ("mo", "di", "mi", "do")[:n_files]:
+        written({"recs": SIX, "powder": OF_SIX, "fs": 500}, form, tmp_path / name)
+    offered = [way["label"] for way in options_of(tmp_path)]
+    assert offered == (["column:powder", "folder"] if n_files == 2 else ["folder", "column:powder"])
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_time_first_beside_labels_has_one_line(tmp_path, form):
+    path = written({"X": SIX[:5].transpose(1, 0, 2), "classes": list("aabbc"), "fs": 500}, form, tmp_path)
+    assert options_of(path) == []
+    data = run(*lines_of(refusal(path)))
+    assert (data.y.tolist(), np.array_equal(data.X, SIX[:5])) == (list("aabbc"), True)
+
+
 @pytest.mark.parametrize("form", WRITERS)
 def test_texts_beside_another_order_are_its_labels(tmp_path, form):
     tree = {"recs": SIX[:5].transpose(1, 0, 2), "powder": ["rice", "peas", "oats", "rice", "peas"], "fs": 500}

@@ -183,11 +183,25 @@ def test_several_columns_that_may_be_labels_are_all_offered(tmp_path):
     assert load(tmp_path, label="file").labels == ("all",)
 
 
-def test_labels_by_several_files_win_over_columns(tmp_path):
+@pytest.mark.parametrize(("column", "first"), [("rig", "file"), ("powder", "column:powder"), ("label", None)])
+def test_a_column_against_names_of_files_has_both_ways(tmp_path, column, first):
+    texts = ["oats", "salt", "barley"] if column in ("powder", "label") else ["a", "b"]
     for name in ("rice", "peas"):
-        whole = pd.concat([table(W + i).assign(trial=i, rig="ab"[i // 2]) for i in range(4)])
+        whole = pd.concat([table(W + i).assign(trial=i, **{column: texts[i % len(texts)]}) for i in range(6)])
         whole.to_csv(tmp_path / f"{name}.csv", index=False)
-    assert load(tmp_path).y.tolist() == ["peas"] * 4 + ["rice"] * 4
+    if first is None:
+        assert load(tmp_path).labels == ("barley", "oats", "salt")
+        return
+    ways = [way["label"] for way in options_of(tmp_path)]
+    assert (ways[0], set(ways)) == (first, {"file", f"column:{column}"})
+    assert load(tmp_path, label="file").y.tolist() == ["peas"] * 6 + ["rice"] * 6
+
+
+def test_a_column_of_files_without_labels_is_offered(tmp_path):
+    for i, powder in enumerate(["rice", "peas"] * 2):
+        table(W).assign(powder=powder).to_csv(tmp_path / f"rec_{i}.csv", index=False)
+    assert [way["label"] for way in options_of(tmp_path)] == ["column:powder", "file"]
+    assert load(tmp_path, label="column:powder").y.tolist() == ["rice", "peas"] * 2
 
 
 @pytest.mark.parametrize(
