@@ -61,7 +61,8 @@ def _broken(line: str, width: int) -> list[str]:
     pieces = textwrap.wrap(
         line, width - 2 * typed, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
-    return [*(piece.replace("\0", " ") + " \\" * typed for piece in pieces[:-1]), pieces[-1].replace("\0", " ")]
+    pieces = [piece.replace("\0", " ") for piece in pieces]
+    return [*(piece + " \\" * typed for piece in pieces[:-1]), pieces[-1]]
 
 
 def warn_of_setups(differences: Iterable[str], *, err: bool = False) -> None:
