@@ -156,17 +156,16 @@ def speed(results: Json) -> str:
         ("from the last sample to the label", f"**{digits(cold)}**", digits(theirs), f"{theirs / cold:.0f}"),
     )
     made, copied = results["made"]["processor"].partition(" (")[0], digits(copy)
-    return f"""The same bits as `scipy.signal.sosfilt` and `numpy.histogram`, in batches and streams. For scale:
-numpy needs {copied} µs merely to transpose the samples. One thread of an {made}, {unit};
-[all benchmarks](docs/benchmarks.md).
+    return f"""The same bits as `scipy.signal.sosfilt` and `numpy.histogram`, in batches and streams. One thread of an
+{made}, {unit}, where numpy transposes the samples in {copied} µs; [all benchmarks](docs/benchmarks.md).
 
 {table(("microseconds", "granular_id", "scipy + numpy", "times"), rows)}"""
 
 
 def readme(text: str, results: Json) -> str:
-    start, end = "<!-- speed: by make benchmarks -->\n", "<!-- end of speed -->"
+    start, end = "## Speed\n\n", "\n\n## Limits\n"
     before, rest = text.split(start)
-    return f"{before}{start}{speed(results)}\n{end}{rest.split(end)[1]}"
+    return f"{before}{start}{speed(results)}{end}{rest.split(end)[1]}"
 
 
 def on_the_index(text: str) -> str:

@@ -156,8 +156,10 @@ def feature_spaces(
 
 
 def all_spaces(known: Mapping[str, FeatureSpace]) -> list[str]:
-    """Name feature spaces without the control: "best", which is to be the headline's, "multiband", the paper's."""
-    return ["best", "multiband", *(name for name, space in known.items() if space.paper_accuracy is not None)]
+    """Name feature spaces without the control: "best", which is to be the headline's, others of ours, the paper's."""
+    ours = [name for name, space in known.items() if space.paper_accuracy is None and not space.control]
+    papers = [name for name, space in known.items() if space.paper_accuracy is not None]
+    return ["best", *(name for name in ours if name != "best"), *papers]
 
 
 def paper_spaces(known: Mapping[str, FeatureSpace]) -> list[str]:
