@@ -211,13 +211,6 @@ class Remedy:
         """Return the options that read arrays, the labels beside them, and what else is missing."""
         with_time = self._with_time() if self._given.axes is None else []
         timed = ("time", *AXES)
-        whole = [self._given]  # in which only labels are not known, or a clock stands in the first column
-        if with_time and self._given.array is None:
-            whole.append(replace(self._given, axes=timed))
-        for options in whole:
-            tried = self._tried(options, read)
-            if tried and all(map(all, tried)):
-                return ["; pass ", *alternatives(in_both(**way) for way, _ in tried)]
         ways: dict[str, list[tuple[dict[str, Any], str | None]]] = {}
         for one in [*self._in_order, *with_time]:
             name = re.sub(r"\[\d+\]", "", one.name)
@@ -233,8 +226,11 @@ class Remedy:
         has_y = any(one.name.lower() in BESIDE["y"] for one in self._every)
         if len(known) > 1 or counted or (of_names and not has_y and known <= {_OWN}):
             return []  # each has other labels beside it, or is named as its label, or the labels count another axis
-        array = [{"array": name} if self._given.array is None else {} for name in ways]
-        offered = [own | way for own, tried in zip(array, ways.values(), strict=True) for way, _ in tried]
+        offered = [
+            ({"array": name} if self._given.array is None and name != "X" else {}) | way
+            for name, tried in ways.items()
+            for way, _ in tried
+        ]
         return (
             ["; pass ", *alternatives(in_both(**way) for way in offered)] if offered and all(offered) else []
         )
