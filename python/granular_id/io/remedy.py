@@ -211,6 +211,9 @@ class Remedy:
         """Return the options that read arrays, the labels beside them, and what else is missing."""
         with_time = self._with_time() if self._given.axes is None else []
         timed = ("time", *AXES)
+        tried = self._tried(self._given, read)  # only labels or a rate may not be known
+        if tried and all(map(all, tried)):
+            return ["; pass ", *alternatives(in_both(**way) for way, _ in tried)]
         ways: dict[str, list[tuple[dict[str, Any], str | None]]] = {}
         for one in [*self._in_order, *with_time]:
             name = re.sub(r"\[\d+\]", "", one.name)
@@ -227,7 +230,7 @@ class Remedy:
         if len(known) > 1 or counted or (of_names and not has_y and known <= {_OWN}):
             return []  # each has other labels beside it, or is named as its label, or the labels count another axis
         offered = [
-            ({"array": name} if self._given.array is None and name != "X" else {}) | way
+            ({"array": name} if self._given.array is None else {}) | way
             for name, tried in ways.items()
             for way, _ in tried
         ]

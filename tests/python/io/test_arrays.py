@@ -378,6 +378,18 @@ def test_labels_of_another_name_are_in_the_way_out(tmp_path, case, form, in_fold
     assert np.array_equal(data.X, SIX)
 
 
+@pytest.mark.parametrize("in_group", [True, False])
+def test_attributes_that_may_be_labels_are_in_the_way_out(tmp_path, in_group):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["fs"] = 500
+        for i, (x, y) in enumerate(zip(SIX, OF_SIX, strict=True)):
+            place = f"run{i}/ft" if in_group else f"run{i}"
+            file[place] = x
+            (file[place].parent if in_group else file[place]).attrs["stuff"] = y
+    (way,) = options_of(tmp_path)
+    assert load(tmp_path, **way).y.tolist() == OF_SIX
+
+
 @pytest.mark.parametrize("n_files", [2, 4])
 @pytest.mark.parametrize("form", WRITERS)
 def test_texts_against_names_of_files_have_both_ways(tmp_path, form, n_files):
