@@ -60,9 +60,8 @@ def content_of(
 
     is_finite = all(np.isfinite(table.values).all() for table in tables if table.values is not None)
     mended = None if is_finite else reading.remedy.mended(found)  # now, as the file will be closed
-    if mended is None:
-        return FileContent(tables, notes=notes, place=place)
-    return FileContent(tables, notes=notes, place=place, in_python=mended)
+    content = FileContent(tables, notes=notes, place=place, may_be_labels=reading.texts_of_one(tables))
+    return content if mended is None else replace(content, in_python=mended)
 
 
 class _Reading:
@@ -242,6 +241,13 @@ class _Reading:
         if rules and (len(tables) > 1 or self._source.label_known is None):
             names = ", ".join(repr(rule.removeprefix("column:")) for rule in rules)
             raise self.fault(f"{names:.200} may be the labels, which are read from 'y' only")
+
+    def texts_of_one(self, tables: Sequence[Table]) -> dict[str, list[str]]:
+        """Return the texts beside the only recording of a file that has no label."""
+        if len(tables) > 1 or tables[0].label is not None:
+            return {}
+        texts = [one for one in self._leaves if one.leaf.is_text and one.leaf.read().size == 1]
+        return {one.name: [_texts(one.leaf)[0] or ""] for one in texts if one.name.lower() not in _KNOWN}
 
     def order_notes(self, found: Sequence[Found]) -> list[str]:
         """Say what each axis of an array was taken as, where its shape fits another order too."""

@@ -335,8 +335,10 @@ class _Reading:
             stated = read.source.label_known is not None or read.source.label_from is not None
             if stated or labels - {None, read.source.label_else}:
                 return
-        names = [name for name in reads[0].may_be_labels if all(name in read.may_be_labels for read in reads)]
-        texts = {name: [text for read in reads for text in read.may_be_labels[name]] for name in names}
+        names = set(reads[0].may_be_labels).intersection(*(read.may_be_labels for read in reads))
+        texts = {
+            name: [text for read in reads for text in read.may_be_labels[name]] for name in sorted(names)
+        }
         if ways := _ways_to_labels(texts, reads[0].source):
             raise RecordingFileError(self._root, ways)
 
@@ -409,7 +411,7 @@ def _made(content: FileContent, source: FileSource) -> _Read:
             lines = content.in_python(error.mend) if error.mend else []
             raise RecordingFileError(source.path, [*error.parts, *lines], **place) from error
         _refuse_labels_unread(made, content, source)
-        read.may_be_labels = made.may_be_labels
+        read.may_be_labels = made.may_be_labels or content.may_be_labels
         read.recordings += made.recordings
         read.rows += made.rows
         read.notes += [note for note in made.notes if note not in read.notes]
@@ -439,7 +441,7 @@ def _ways_to_labels(texts: Mapping[str, Sequence[str]], source: FileSource) -> l
     if not kinds:
         return []
     names = ", ".join(repr(rule.removeprefix("column:")) for rule in kinds)
-    problem = f"labels are read from columns 'label' and 'material', and {names} may hold them: pass "
+    problem = f"{names} may hold the labels, which are read from 'label' or 'material' (of arrays 'y'): pass "
     rules = likeliest_first({**kinds, source.place_rule: range(source.n_labels)})
     return [problem, *alternatives(in_both(label=rule) for rule in rules)]
 

@@ -163,5 +163,6 @@ class FileContent:
     rows: list[dict[str, Any]] = field(default_factory=list)  # remarks on single recordings, "name" first
     notes: list[str] = field(default_factory=list)
     history: Sequence[StepReport] = ()
+    may_be_labels: Mapping[str, list[str]] = field(default_factory=dict)  # as in `Made`
     place: Callable[[int, int | None], dict[str, Any]] = lambda table, row: {}  # noqa: ARG005
     in_python: Callable[[str], Sequence[str]] = lambda mend: ()  # noqa: ARG005

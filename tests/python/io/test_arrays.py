@@ -390,6 +390,15 @@ def test_attributes_that_may_be_labels_are_in_the_way_out(tmp_path, in_group):
     assert load(tmp_path, **way).y.tolist() == OF_SIX
 
 
+@pytest.mark.parametrize("form", WRITERS)
+def test_a_text_beside_each_recording_may_be_its_label(tmp_path, form):
+    for i, (x, y) in enumerate(zip(SIX, OF_SIX, strict=True)):
+        path = tmp_path / f"rec_{i}.{form.removeprefix('v73.')}"
+        WRITERS[form]({"wrench": x, "powder": y, "sensor": "ATI", "fs": 500}, path)
+    assert [way["label"] for way in options_of(tmp_path)] == ["column:powder", "file"]
+    assert load(tmp_path, label="column:powder").y.tolist() == OF_SIX
+
+
 @pytest.mark.parametrize("n_files", [2, 4])
 @pytest.mark.parametrize("form", WRITERS)
 def test_texts_against_names_of_files_have_both_ways(tmp_path, form, n_files):
