@@ -131,13 +131,6 @@ def whole_number(name: str, value: object, least: int = 1, or_else: str = "") ->
     return int(value)
 
 
-def checked_index(value: object, name: str) -> int:
-    """Return an int of any sign."""
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise argument_error(TypeError, name, f"must be an int, got {type(value).__name__}")
-    return int(value)
-
-
 def checked_n_jobs(n_jobs: object) -> int | None:
     """Return the number of threads as joblib takes it."""
     if n_jobs is None:

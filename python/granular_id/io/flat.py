@@ -62,7 +62,7 @@ def flat_samples(
 ) -> tuple[FloatArray, FloatArray | None, NDArray[np.uint8] | None]:
     """Return wrench, stamps and flags of all samples; None where no recording has any."""
     time_s = flags = None
-    if not all(r.is_uniform for r in recordings):
+    if any(r.rate_hz is None for r in recordings):
         time_s = np.concatenate(
             [np.full(r.n_samples, np.nan) if r.time_s is None else r.time_s for r in recordings]
         )

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from granular_id._checks import argument_error, checked_index
+from granular_id._checks import argument_error, whole_number
 from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import alternatives, counted, in_both
@@ -204,9 +204,7 @@ def load_parts(
     ...     [len(part) for part in load_parts(save(data, folder + "/pushes.npz"), n_recordings=2)]
     [2, 2, 1]
     """
-    most = checked_index(n_recordings, "n_recordings")
-    if most < 1:
-        raise argument_error(GranularIdError, "n_recordings", f"must be positive, got {most}")
+    most = whole_number("n_recordings", n_recordings)
     known = [one.name for one in fields(LoadOptions) if one.init]
     unknown = next((name for name in options if name not in known), None)
     if unknown is not None:

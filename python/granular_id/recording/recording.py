@@ -14,12 +14,12 @@ from granular_id._checks import (
     FloatArray,
     argument_error,
     as_floats,
-    checked_index,
     checked_text,
     finite_number,
     frozen_mapping,
     locked,
     thaw,
+    whole_number,
 )
 from granular_id._core import AXES, SAMPLE_FLAGS, UNITS, GranularIdError
 from granular_id._text import counted, fixed, verb
@@ -137,8 +137,8 @@ class Recording:
         if self.start_time is not None:
             checked["start_time"] = finite_number("start_time", self.start_time)
         if self.trigger_index is not None:
-            checked["trigger_index"] = index = checked_index(self.trigger_index, "trigger_index")
-            if not 0 <= index < n_samples:
+            checked["trigger_index"] = index = whole_number("trigger_index", self.trigger_index, least=0)
+            if index >= n_samples:
                 raise GranularIdError(f"trigger_index={fixed(index)} is outside the {n_samples} samples")
         checked["meta"] = frozen_mapping("meta", with_named_units(self.meta, axes))
         if self.flags is not None:
@@ -155,11 +155,6 @@ class Recording:
     def is_synthetic(self) -> bool:
         """Whether it was simulated rather than measured: ``meta["synthetic"]`` says so."""
         return bool(self.meta.get("synthetic", False))
-
-    @property
-    def is_uniform(self) -> bool:
-        """Whether the samples are equally spaced at `rate_hz`."""
-        return self.rate_hz is not None
 
     @property
     def duration_s(self) -> float:

@@ -54,7 +54,7 @@ def summarise(recordings: Sequence[Recording]) -> Summary:
         "recordings": len(recordings),
         "labels": sum(label is not None for label in groups),
         "sessions": _sessions(recordings),
-        "irregular": sum(not r.is_uniform for r in recordings),
+        "irregular": sum(r.rate_hz is None for r in recordings),
         "rates_hz": sorted({r.rate_hz for r in recordings if r.rate_hz is not None}),
         "samples": sum(r.n_samples for r in recordings),
         "flags": {name: count for name, count in flags.items() if count},
@@ -66,7 +66,7 @@ def summarise(recordings: Sequence[Recording]) -> Summary:
 def _row(label: str | None, group: Sequence[Recording]) -> dict[str, Any]:
     lengths = [r.n_samples for r in group]
     seconds = [r.duration_s for r in group]
-    irregular = [r for r in group if not r.is_uniform]
+    irregular = [r for r in group if r.rate_hz is None]
     uniform = sorted({f"{r.rate_hz:g}" for r in group if r.rate_hz is not None}, key=float)
     steps = sum(r.n_samples - 1 for r in irregular)
     mean = [f"~{steps / sum(r.duration_s for r in irregular):.3g} irregular"] if steps else []

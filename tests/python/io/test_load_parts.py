@@ -85,8 +85,8 @@ def test_a_folder_of_which_nothing_can_be_read(tmp_path):
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"n_recordings": 0}, ValueError, "n_recordings must be positive, got 0"),
-        ({"n_recordings": 1.5}, TypeError, "n_recordings must be an int"),
+        ({"n_recordings": 0}, ValueError, "n_recordings must be at least 1, got 0"),
+        ({"n_recordings": 1.5}, TypeError, "n_recordings must be a whole number"),
         ({"rate": 1}, TypeError, "rate is no option of load; wanted one of rate_hz"),
         ({"on_error": "x"}, ValueError, "on_error='x'"),
         ({"progress": 1}, TypeError, "progress"),

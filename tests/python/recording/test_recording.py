@@ -30,7 +30,7 @@ def test_keeps_what_it_was_given():
     assert (r.start_time, r.trigger_index, r.name) == (1.5e9, 2, "rice_01")
     assert r.meta == {"tool": "cylinder", "speed_m_s": 0.03, "frame": (1, 2)}
     assert r.flags.tolist() == [0, 1, 0, SampleFlag.TIME_REPAIRED]
-    assert (r.n_samples, r.is_uniform, r.duration_s) == (4, True, 3 / 500)
+    assert (r.n_samples, r.duration_s) == (4, 3 / 500)
     np.testing.assert_array_equal(r.times(), np.arange(4) / 500)
     assert repr(r) == "Recording('rice_01', label='rice', 4 samples at 500 Hz)"
     one = Recording(WRENCH[:1, :2], time_s=[0], axes=["a", "b"])
@@ -62,7 +62,6 @@ def test_axes_in_words_units_that_are_known_follow():
 
 def test_irregular_recording_keeps_its_stamps():
     r = Recording(WRENCH, time_s=[0, 0.1, 0.5, 0.6])
-    assert not r.is_uniform
     assert r.duration_s == 0.6
     assert repr(r) == "Recording('', label=None, 4 samples irregular, 5 Hz on average)"
     assert r.times() is r.time_s
@@ -175,8 +174,9 @@ def stamps(*time_s):
         ({"name": None}, TypeError, "name must be a str"),
         ({"axes": np.array(["a", "b"])}, TypeError, "axes must be a sequence of names, got ndarray"),
         ({"start_time": np.nan}, ValueError, "start_time must be finite"),
+        ({"trigger_index": -1}, ValueError, "trigger_index must be at least 0, got -1"),
         ({"trigger_index": 4}, ValueError, "trigger_index=4 is outside the 4 samples"),
-        ({"trigger_index": 1.0}, TypeError, "trigger_index must be an int, got float"),
+        ({"trigger_index": 1.0}, TypeError, "trigger_index must be a whole number, got 1.0"),
         ({"flags": [0, 0]}, ValueError, "flags has shape (2,); wanted (4,)"),
         ({"flags": [0, 0, 16, 0]}, ValueError, "flags holds 16"),
         ({"flags": [0.0] * 4}, TypeError, "flags has dtype float64"),
