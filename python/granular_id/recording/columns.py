@@ -239,8 +239,12 @@ def columns_of(
     names: tuple[str, ...],
     axes: tuple[str, ...] | None = None,
     named: tuple[tuple[str, str], ...] = (),
+    stated: tuple[str, ...] = (),
 ) -> Mapping[str, str]:
-    """Find columns: by axis (default fx fy fz tx ty tz), and by `ABOUT` and `NANOSECONDS`; `named` are named ones."""
+    """Find columns: by axis (default fx fy fz tx ty tz), and by `ABOUT` and `NANOSECONDS`.
+
+    `named` are columns by what they are; for what is `stated` elsewhere none is wanted.
+    """
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
         raise TableError(f"column {twice!r:.60} occurs twice")
@@ -254,7 +258,7 @@ def columns_of(
     taken = {name for what, name in found.items() if what != RECORDING}  # a column of labels may be it, too
     for what in ABOUT:
         places = [name for name in names if name not in taken and meaning_of(name).what == what]
-        if what in found or not places:
+        if what in found or what in stated or not places:
             continue
         if what == TIME and len(places) > 1:
             plain = [_BETWEEN.sub("", meaning_of(name).base.lower()) for name in places]

@@ -159,7 +159,7 @@ class Picked:
 
 def picked_columns(table: Table, stated: Stated) -> Picked:
     """Choose the columns that are read, and settle axes and units."""
-    own = {what for what in (LABEL, SESSION) if getattr(table, what) is not None}
+    own = tuple(what for what in (LABEL, SESSION) if getattr(table, what) is not None)
     named = tuple((what, name) for what, name in stated.columns if what not in own)
     cells, named_axes = dict(table.columns), stated.axes
     if table.values is not None:
@@ -169,8 +169,7 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
         cells[table.clock], named = np.asarray(table.stamps), ((TIME, table.clock), *named)
         if table.stamps.shape != (n_samples,):
             raise TableError(f"{table.clock} has the shape {table.stamps.shape} for {n_samples} samples")
-    found = columns_of(tuple(cells), named_axes, named)
-    called = {what: name for what, name in found.items() if what not in own}
+    called = dict(columns_of(tuple(cells), named_axes, named, own))
     axes = named_axes or AXES
     if RECORDING in called and RECORDING not in dict(named) and _numbers_rows(cells[called[RECORDING]]):
         del called[RECORDING]

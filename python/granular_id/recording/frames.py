@@ -38,7 +38,9 @@ def recordings_of_arrays(
     """Make the recordings of arrays; see :meth:`Dataset.from_arrays`, which calls this."""
     rate = finite_number("rate_hz", rate_hz, positive=True)
     arrays = _arrays(X)
-    labels, days, called = (_texts(given, what, len(arrays)) for what, given in of_recordings.items())
+    labels, days, called = (
+        _texts(given, what, len(arrays), "recording") for what, given in of_recordings.items()
+    )
     known = names_in("axes", axes)
     n_axes = arrays[0].shape[1]
     if known is None and n_axes != len(AXES):
@@ -70,7 +72,7 @@ def recordings_of_frames(
         wanted = "a list of them: list(frames.values()), with labels=list(frames) where these are the labels"
         raise argument_error(TypeError, "frames", f"is a dict of tables; wanted {wanted}")
     every = [frames] if one else _items(frames, "frames", "a table, or a list of tables")
-    known, days, called = (_texts(given, what, len(every)) for what, given in of_tables.items())
+    known, days, called = (_texts(given, what, len(every), "table") for what, given in of_tables.items())
     if time_unit is not None:
         checked_choice("time_unit", time_unit, *get_args(TimeUnit))
     named = [
@@ -193,15 +195,19 @@ def _items(value: Any, argument: str, wanted: str) -> list[Any]:
     return every
 
 
-def _texts(values: Any, argument: str, n: int) -> list[str | None]:
-    """Return a text for each of n recordings: of texts, numbers or None."""
+def _texts(values: Any, argument: str, n: int, each: str) -> list[str | None]:
+    """Return a text for each of n recordings, or tables: of texts, numbers or None."""
     if values is None:
         return [None] * n
     one = isinstance(values, str) or not isinstance(values, Iterable)
-    given = [values] if one else _items(values, argument, "a sequence of texts or numbers, one a recording")
+    given = [values] if one else _items(values, argument, f"a sequence of texts or numbers, one a {each}")
     every = [value.item() if isinstance(value, np.generic) else value for value in given]
     if len(every) != n:
-        raise argument_error(GranularIdError, argument, f"has {len(every)} values for {counted(n)}")
+        within = (
+            "; those of the recordings within a table stand in a column of it, which label= or session= name"
+        )
+        problem = f"has {len(every)} values for {counted(n, each)}{within * (each == 'table')}"
+        raise argument_error(GranularIdError, argument, problem)
     for i, value in enumerate(every):
         if isinstance(value, bool) or not isinstance(value, (str, int, float, type(None))):
             problem = f"[{i}] is a {type(value).__name__}; wanted a text or number"

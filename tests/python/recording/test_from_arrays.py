@@ -194,6 +194,7 @@ def test_identical_rows_with_one_stamp_are_merged():
         ),
         (pd.DataFrame(X[0]), {"rate_hz": 1}, "frames is a DataFrame; wanted a table"),
         (frame(time=T)[:0], {}, "frames has no rows"),
+        (frame(time=T, id="a"), {"labels": ["a", "b"]}, "labels has 2 values for 1 table; .* which label="),
         ({**frame(time=T), "fx": X[0]}, {}, r"column 'fx' has the shape \(50, 6\); wanted \(50,\)"),
         ({"time": T, **frame(), "ty": T[:9]}, {}, r"column 'ty' has the shape \(9,\); wanted \(50,\)"),
         ({"time": T, **frame(), "label": "rice"}, {}, r"column 'label' has the shape \(\); wanted"),
@@ -212,6 +213,7 @@ def test_from_frames_label_of_several_columns_is_chosen():
         Dataset.from_frames(given)
     for label in ("material", "column:material"):
         assert Dataset.from_frames(given, label=label).labels == ("rice",)
+    assert Dataset.from_frames(given, ["oats"]).labels == ("oats",)
 
 
 @pytest.mark.parametrize("rows", [np.arange(50), np.arange(50.0, 0, -1), [f"row {i}" for i in range(50)]])
