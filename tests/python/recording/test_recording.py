@@ -7,7 +7,15 @@ import re
 import numpy as np
 import pytest
 
-from granular_id.recording import Recording, SampleFlag, axes_in_words, unit_of
+from granular_id.recording import (
+    Dataset,
+    Recording,
+    SampleFlag,
+    axes_in_words,
+    common_units,
+    same_unit,
+    unit_of,
+)
 
 WRENCH = np.arange(24.0).reshape(4, 6)
 
@@ -196,3 +204,34 @@ def test_units_in_a_row_are_those_of_the_axes():
     axes = ("wx", "wy", "wz", "ax", "ay", "az")
     recording = Recording(np.zeros((5, 6)), 100, axes=axes, meta={"units": units})
     assert [unit_of(axis, recording.meta) for axis in axes] == units
+
+
+# Units.
+
+
+def imu(meta):
+    return Recording(np.zeros((5, 3)), rate_hz=10, axes=("ax", "ay", "az"), name="imu", meta=meta)
+
+
+SAME = [
+    ("m/s2", "m/s^2", "m/s\N{SUPERSCRIPT TWO}", "m s^-2", "m/s/s", "[m/s**2]"),
+    ("N m", "Nm", "N*m", "N-m", "N\N{MIDDLE DOT}m", "newton metre", "Newton meters"),
+    ("deg/s", "\N{DEGREE SIGN}/s", "dps", "deg s-1"),
+    ("mN m", "N mm", "N-mm"),
+]
+
+
+@pytest.mark.parametrize("unit", [spelling for spellings in SAME for spelling in spellings])
+def test_units_are_the_same_however_they_are_written(unit):
+    for spellings in SAME:
+        for other in spellings:
+            assert same_unit(unit, other) == same_unit(other, unit) == (unit in spellings)
+    data = [imu(meta={"units": dict.fromkeys(("ax", "ay", "az"), one)}) for one in (unit, " ".join(unit))]
+    assert common_units(Dataset(data)) == [unit] * 3
+
+
+@pytest.mark.parametrize("units", [("", "rad/s", "deg/s"), ("rad/s", "", "deg/s"), ("rad/s", "deg/s", "")])
+def test_recordings_of_different_units_are_refused(units):
+    data = [imu(meta={"units": dict.fromkeys(("ax", "ay", "az"), unit)} if unit else {}) for unit in units]
+    with pytest.raises(ValueError, match=r"has ax: rad/s, 'imu' has ax: deg/s"):
+        common_units(Dataset(data))

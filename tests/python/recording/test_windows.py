@@ -9,9 +9,7 @@ from granular_id.recording import (
     Dataset,
     Recording,
     SampleFlag,
-    common_units,
     overlapping_windows,
-    same_unit,
 )
 
 
@@ -133,30 +131,6 @@ def test_windows_without_a_measured_sample_are_left_out():
     assert data.history[-1].totals["windows_without_a_measured_sample"] == 2
     with pytest.raises(ValueError, match="no window has a measured sample"):
         Dataset([drive(flags=np.full(100, SampleFlag.GAP_FILLED, np.uint8))]).windows(2)
-
-
-SAME = [
-    ("m/s2", "m/s^2", "m/s\N{SUPERSCRIPT TWO}", "m s^-2", "m/s/s", "[m/s**2]"),
-    ("N m", "Nm", "N*m", "N-m", "N\N{MIDDLE DOT}m", "newton metre", "Newton meters"),
-    ("deg/s", "\N{DEGREE SIGN}/s", "dps", "deg s-1"),
-    ("mN m", "N mm", "N-mm"),
-]
-
-
-@pytest.mark.parametrize("unit", [spelling for spellings in SAME for spelling in spellings])
-def test_units_are_the_same_however_they_are_written(unit):
-    for spellings in SAME:
-        for other in spellings:
-            assert same_unit(unit, other) == same_unit(other, unit) == (unit in spellings)
-    data = [drive(meta={"units": dict.fromkeys(("ax", "ay", "az"), one)}) for one in (unit, " ".join(unit))]
-    assert common_units(Dataset(data)) == [unit] * 3
-
-
-@pytest.mark.parametrize("units", [("", "rad/s", "deg/s"), ("rad/s", "", "deg/s"), ("rad/s", "deg/s", "")])
-def test_recordings_of_different_units_are_refused(units):
-    data = [drive(meta={"units": dict.fromkeys(("ax", "ay", "az"), unit)} if unit else {}) for unit in units]
-    with pytest.raises(ValueError, match=r"has ax: rad/s, 'drive' has ax: deg/s"):
-        common_units(Dataset(data))
 
 
 def test_windows_of_files_of_the_same_name_share_no_samples():

@@ -1,44 +1,17 @@
-"""The zero that the rest before the motion gives, and simulated rests."""
+"""The zero that the rest before the motion gives."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from granular_id import load
 from granular_id.recording import Dataset, Recording, Setup, rest_zero
-from granular_id.synthetic import rest_noise, synthesize
+from granular_id.synthetic import synthesize
 
 
 @pytest.fixture(scope="module")
 def data():
     return synthesize(["rice", "dry peas"], n_per_class=3, duration_s=0.6, seed=2)
-
-
-def test_simulated_rests_are_like_real_ones(data_dir):
-    real = [r.wrench for r in load(data_dir / "sand_press") if r.label == "rest"]
-    drawn = [rest_noise(1200, 100, seed=seed) for seed in range(10)]
-    sd = [np.sqrt(np.mean([rest.var(axis=0) for rest in rests], axis=0)) for rests in (real, drawn)]
-    np.testing.assert_allclose(sd[1], sd[0], rtol=0.15)
-    new = [np.mean([(np.diff(r, axis=0) != 0).any(axis=1).mean() for r in rests]) for rests in (real, drawn)]
-    assert abs(new[0] - new[1]) < 0.002
-    for lag, within in ((1, 0.03), (2, 0.05), (8, 0.1), (50, 0.1)):
-        alike = [
-            np.mean([np.corrcoef(rest[lag:, c], rest[:-lag, c])[0, 1] for rest in rests for c in range(6)])
-            for rests in (real, drawn)
-        ]
-        assert abs(alike[0] - alike[1]) < within
-
-
-@pytest.mark.parametrize("rate_hz", [5.0, 100.0, 500.0])
-def test_simulated_readings_are_held_at_any_rate(rate_hz):
-    noise = rest_noise(2000, rate_hz)
-    changes = (np.diff(noise, axis=0) != 0).all(axis=1)
-    assert abs(changes.mean() - min(12.28 / rate_hz, 1)) < 0.005
-    assert ((np.diff(noise, axis=0) != 0).any(axis=1) == changes).all()
-
-
-# The step.
 
 
 def test_the_rest_before_the_motion_is_zero(data):

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from granular_id.synthetic import PAPER_MATERIALS, Material, Rig, simulate_push
+from granular_id.io import load
+from granular_id.synthetic import PAPER_MATERIALS, Material, Rig, rest_noise, simulate_push
 from granular_id.synthetic.drag import (
     contact_breaks,
     contact_count,
@@ -200,3 +201,29 @@ def test_leaving_out_a_part_does_not_change_the_others():
     for part in ("texture", "slip", "contacts"):
         others = tuple(p for p in ("texture", "slip", "contacts") if p != part)
         np.testing.assert_allclose(extra(part, others), extra(part, ()), atol=1e-9)
+
+
+# The sensor at rest.
+
+
+def test_simulated_rests_are_like_real_ones(data_dir):
+    real = [r.wrench for r in load(data_dir / "sand_press") if r.label == "rest"]
+    drawn = [rest_noise(1200, 100, seed=seed) for seed in range(10)]
+    sd = [np.sqrt(np.mean([rest.var(axis=0) for rest in rests], axis=0)) for rests in (real, drawn)]
+    np.testing.assert_allclose(sd[1], sd[0], rtol=0.15)
+    new = [np.mean([(np.diff(r, axis=0) != 0).any(axis=1).mean() for r in rests]) for rests in (real, drawn)]
+    assert abs(new[0] - new[1]) < 0.002
+    for lag, within in ((1, 0.03), (2, 0.05), (8, 0.1), (50, 0.1)):
+        alike = [
+            np.mean([np.corrcoef(rest[lag:, c], rest[:-lag, c])[0, 1] for rest in rests for c in range(6)])
+            for rests in (real, drawn)
+        ]
+        assert abs(alike[0] - alike[1]) < within
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 100.0, 500.0])
+def test_simulated_readings_are_held_at_any_rate(rate_hz):
+    noise = rest_noise(2000, rate_hz)
+    changes = (np.diff(noise, axis=0) != 0).all(axis=1)
+    assert abs(changes.mean() - min(12.28 / rate_hz, 1)) < 0.005
+    assert ((np.diff(noise, axis=0) != 0).any(axis=1) == changes).all()
