@@ -39,7 +39,10 @@ NAMES = {
 N_FOLDS = 5
 MANY_RECORDINGS, FOLDS_OF_MANY = 2000, 3  # fewer folds: time grows faster than the number of recordings
 
-_TOO_FEW = "fewer than two materials have more than one recording"
+_TOO_FEW = (
+    "fewer than two materials have more than one recording: where the labels are no materials, say which folder, file "
+    "name, column or entry of meta is (data convert --label)"
+)
 
 # Random folds that choose are drawn again until so many rows were held out in all: with 50 rows one in a hundred is
 # less than a row, and which rows share a fold decides. Not more often than 10 times: draws of the same rows are alike.

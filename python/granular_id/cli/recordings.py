@@ -195,7 +195,7 @@ def _unprepared(data: Dataset, path: Path | None) -> WayOutError:
 
 def _unlabelled(data: Dataset, path: Path | None) -> WayOutError:
     """Say where labels may stand: in metadata, as those of an index.csv, else in folders or names of files."""
-    from granular_id.io.sources import label_of
+    from granular_id.io.sources import labels_of
     from granular_id.recording import LABEL, meaning_of
 
     listed = "no column label" in "".join(data.history[-1].notes)
@@ -214,7 +214,7 @@ def _unlabelled(data: Dataset, path: Path | None) -> WayOutError:
     if path is None or path.is_file():
         return WayOutError(f"{problem}: keep a file or a folder for each material, called like it")
     places = [Path(recording.name) for recording in data]
-    labels = {label_of(place) for place in places}
+    labels = set(labels_of(places))
     ways = (
         ["; if their folder is it ", typed(label="folder")] if all(len(p.parts) > 1 for p in places) else []
     )

@@ -157,7 +157,7 @@ def load(
     reading = _Reading(path, options)
     reads = list(reading.files(progress, parts=False))
     reading.refuse_labels_unread(reads)
-    return reading.dataset(reads)
+    return reading.dataset(reads, notes=_labels_of_one(reads))
 
 
 def load_parts(
@@ -352,7 +352,7 @@ class _Reading:
                 return True
         return after > 1
 
-    def dataset(self, reads: Sequence[_Read]) -> Dataset:
+    def dataset(self, reads: Sequence[_Read], notes: Sequence[str] = ()) -> Dataset:
         """Put together what was read since the last time, with a report."""
         whole = Made(
             [r for read in reads for r in read.recordings], [row for read in reads for row in read.rows]
@@ -361,6 +361,7 @@ class _Reading:
         self._n_reported = len(self._problems)
         totals = {"recordings": 0, "skipped": len(problems), **whole.totals}
         counts = Counter(note for read in reads for note in read.notes)
+        first = list(notes)
         notes = [note if count == 1 else f"{note} ({count} files)" for note, count in counts.items()]
         if self._beside:
             names = [Path(error.path).name for error in self._beside]
@@ -368,7 +369,7 @@ class _Reading:
         notes = [*self._found.notes, *notes]
         if not self._places_said:  # with the first piece, for all
             places = [_place_note(what, reads, self._alone) for what in ("label", "session")]
-            notes = [*filter(None, places), *notes]
+            notes = [*first, *filter(None, places), *notes]
         self._places_said = True
         given = {one.name: getattr(self._options, one.name) for one in fields(LoadOptions) if one.init}
         if given["csv"] is not None:
@@ -442,6 +443,44 @@ def _ways_to_labels(texts: Mapping[str, Sequence[str]], source: FileSource) -> l
     problem = f"{names} may hold the labels, which are read from 'label' or 'material' (of arrays 'y'): pass "
     rules = likeliest_first({**kinds, source.place_rule: range(source.n_labels)})
     return [problem, *alternatives(in_both(label=rule) for rule in rules)]
+
+
+def _labels_of_one(reads: Sequence[_Read]) -> list[str]:
+    """Say where most labels are of one recording only, and which folder, column or entry of meta may be the label."""
+    recordings = [(recording, read.source) for read in reads for recording in read.recordings]
+    counts = Counter(recording.label for recording, _ in recordings if recording.label is not None)
+    single = [label for label, count in counts.items() if count == 1]
+    if len(counts) < 2 or 2 * len(single) <= len(counts):
+        return []
+    values: dict[str, list[str | None]] = {
+        "file": [source.name_label for _, source in recordings],
+        "folder": [source.path.parent.name if "/" in source.name else None for _, source in recordings],
+        "parent": [
+            source.path.parent.parent.name if source.name.count("/") > 1 else None for _, source in recordings
+        ],
+    }
+    for read in reads:
+        for name, texts in read.may_be_labels.items():
+            values.setdefault(f"column:{name}", []).extend(texts)
+    for name in sorted(recordings[0][0].meta.keys() - {"read_as"}):
+        values[f"meta:{name}"] = [
+            text if isinstance(text := recording.meta.get(name), str) else None for recording, _ in recordings
+        ]
+    rules = likeliest_first(
+        {
+            rule: set(texts)
+            for rule, texts in values.items()
+            if None not in texts and len(texts) == len(recordings) and 1 < len(set(texts)) <= len(texts) / 2
+        }
+    )
+    some = ", ".join(map(repr, single[:_EXAMPLES])) + ", ..." * (len(single) > _EXAMPLES)
+    pass_one = (
+        "".join(["pass ", *alternatives(in_both(label=rule) for rule in rules), "; or "]) if rules else ""
+    )
+    return [
+        f"{len(single)} of {counted(len(counts), 'label')} have one recording only ({some}), and nothing to test with: "
+        f"where they are no materials, {pass_one}name files after them, or list file and label in an index.csv"
+    ]
 
 
 def _place_note(what: str, reads: Sequence[_Read], alone: bool) -> str | None:

@@ -42,17 +42,21 @@ _NO_RECORDING = re.compile(
 
 _WORD = rf"(?:{'|'.join(sorted(NO_MATERIAL, key=len, reverse=True))})"
 _DATE = (
-    r"(?:\d{4}[-_.]?\d\d[-_.]?\d\d|\d\d[-_.]\d\d[-_.]\d{4})(?:[T_ -]*\d\d[-_:.]?\d\d(?:[-_:.]?\d\d)?)?"
-    r"|\d\d[-:]\d\d[-:]\d\d"
+    r"(?<!\d)(?:(?:\d{4}[-_.]?\d\d[-_.]?\d\d|\d\d[-_.]\d\d[-_.]\d{4})(?:[T_ -]*\d\d[-_:.]?\d\d(?:[-_:.]?\d\d)?)?"
+    r"|\d\d[-:]\d\d[-:]\d\d|\d{6})(?!\d)"
 )
 _MONTH = (
     "(?:jan(?:uary)?|feb(?:ruary)?|mar(?:ch)?|apr(?:il)?|may|june?|july?|aug(?:ust)?|sept?(?:ember)?|oct(?:ober)?|"
     "nov(?:ember)?|dec(?:ember)?)"
 )
-_NUMBER = re.compile(rf"(?:[\s_.-]+{_WORD})?[\s_.-]*\(?(?:{_DATE}|\d+)\)?$", re.IGNORECASE)
-"""A number or a date at the end of a name, with the word that it counts: ``_run3``."""
+_NUMBER = re.compile(rf"(?:[\s_.-]+{_WORD})?[\s_.-]*\(?\d+\)?$", re.IGNORECASE)
+"""A number at the end of a name, with the word that it counts: ``_run3``."""
 
-_BEFORE_NUMBER = re.compile(rf"[\s_.-]+(?:{_WORD}[\s_.-]*\d*|{_DATE})$", re.IGNORECASE)
+_AT_DATE = re.compile(rf"[\s_.-]*\(?{_DATE}\)?$")
+_BEFORE_NUMBER = re.compile(rf"[\s_.-]+{_WORD}[\s_.-]*\d*$", re.IGNORECASE)
+_COUNT = re.compile(r"(.*[^\W_].*?)[\s_.-]+([^\W\d_]*)(\d+)")
+"""A name that ends in a number, perhaps behind a word of any language: ``rice_Tag1``, ``rice_01``."""
+
 _SIZE = r"(?:mm|cm|um|\N{MICRO SIGN}m|mesh|kg|g|ml|pct|percent)(?:[\W_]|$)"
 _AHEAD = re.compile(rf"(?:{_WORD}[\s_.-]*\d+|{_DATE}|\d+)[\s_.-]+(?!{_SIZE})(?=\D)", re.IGNORECASE)
 """The same ahead of a name: ``run3-``, ``2025-03-04_``, but not ``4_mm_``."""
@@ -68,6 +72,9 @@ _NO_LABEL = frozenset(
     ("", "empty", "full", "missing", "left", "right", "slow", "fast", "before", "after", "raw")
 )
 """Names of files in folders that are no materials: then the folders are."""
+
+_SHORT_WORD = 2
+"""Letters of a word that is no material: ``_s1``, ``_V1``."""
 
 _MOST_DEEP = 12
 _EXAMPLES = 3
@@ -121,6 +128,8 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
     if 0 < len(beside) < len(found.files):
         found.files = [source for source in found.files if source.name not in beside]
         found.notes.append(f"not read, as their names are not those of recordings: {listed(beside)}")
+    labels = labels_of([source.path for source in found.files])
+    found.files = [replace(one, name_label=label) for one, label in zip(found.files, labels, strict=True)]
     kinds = ", ".join(ending for ending, _ in Counter(found.others).most_common(3))
     if not found.files and not found.problems:
         problem = f"holds no recordings; wanted {LAYOUTS} (or files of another format)"
@@ -176,7 +185,6 @@ def _walk(root: Path, found: Sources, stated: dict[str, Any]) -> None:
             path=path,
             root=root,
             name=path.relative_to(root).as_posix(),
-            name_label=label_of(path),
             n_alike=n_alike[path.suffix],
             **stated,
         )
@@ -195,7 +203,8 @@ def placed(source: FileSource, options: LoadOptions, path: Path, *, alone: bool 
         if rule == "file":  # a session is one file, whatever number it has
             inside = source.path.is_relative_to(source.root)
             place = source.path.relative_to(source.root).as_posix() if inside else source.path.name
-            known[what] = label_of(path) or path.stem if what == "label" else place
+            of_name = source.name_label or label_of(path) or path.stem
+            known[what] = of_name if what == "label" else place
         elif rule in ("folder", "parent"):
             folder = path.parent if rule == "folder" else path.parent.parent
             if not alone and source.root.resolve() not in (folder, *folder.parents):
@@ -212,16 +221,64 @@ def placed(source: FileSource, options: LoadOptions, path: Path, *, alone: bool 
 
 def label_of(path: Path) -> str | None:
     """Return the name of a file without what numbers it at its ends; None where nothing of a material is left."""
-    stem = path.name
-    for known in FORMATS:
-        ending = next((suffix for suffix in known.suffixes if stem.lower().endswith(suffix)), None)
-        if ending is not None:
-            stem = stem[: -len(ending)]
-            break
-    label = _NUMBER.sub("", stem)
-    while label != stem and (before := _BEFORE_NUMBER.sub("", label)) != label:
-        label = before
-    label = _AHEAD.sub("", label, count=1).strip(" _.-")
+    return labels_of([path])[0]
+
+
+def labels_of(paths: Sequence[Path]) -> list[str | None]:
+    """Return what `label_of` each of some files is, where names together show more: which words count runs."""
+    stems = [_stem(path) for path in paths]
+    names, before, is_first = stems, list[str](), True
+    while is_first or names != before:
+        before = names
+        names = [_without_dates(name, stem) for name, stem in zip(names, stems, strict=True)]
+        shorter = _without_common_count(names, is_first=is_first)
+        names = [_NUMBER.sub("", name) for name in names] if is_first and shorter == names else shorter
+        is_first = False
+    return [_without_front(name) for name in names]
+
+
+def _stem(path: Path) -> str:
+    endings = (suffix for known in FORMATS for suffix in known.suffixes if path.name.lower().endswith(suffix))
+    return path.name.removesuffix(path.name[-len(ending) :]) if (ending := next(endings, "")) else path.name
+
+
+def _without_dates(name: str, stem: str) -> str:
+    """Leave out dates at the end, and words that count what stood behind them: ``_run2``, or ``_run``."""
+    before = ""
+    while before != name:
+        before, name = name, _AT_DATE.sub("", name)
+        name = name if name == stem else _BEFORE_NUMBER.sub("", name)
+    return name
+
+
+def _without_common_count(names: Sequence[str], *, is_first: bool) -> list[str]:
+    """Leave out the number at the end with its word where it counts: 1, 2, 3 ... of two materials or more.
+
+    All names with a number end so. What no other number followed may be a part of the material, as in ``white_rice1``
+    and ``brown_rice1``: then longer words stay unless three materials have them.
+    """
+    found = [_COUNT.fullmatch(name) for name in names]
+    counts = [(one[1], one[2].casefold(), int(one[3])) for one in found if one is not None]
+    materials, words = {material for material, _, _ in counts}, {word for _, word, _ in counts}
+    numbers = {number for _, _, number in counts}
+    ends_so = all(
+        one is not None or not name[-1:].isdecimal() for one, name in zip(found, names, strict=True)
+    )
+    if not ends_so or len(words) != 1:
+        return list(names)
+    word = next(iter(words))
+    fewest = 3 if is_first and len(word) > _SHORT_WORD else 2
+    in_a_row = min(numbers) <= 1 and len(numbers) == max(numbers) - min(numbers) + 1
+    if len(materials) < fewest or not in_a_row or (is_first and not word):
+        return list(names)
+    return [name if one is None else one[1] for one, name in zip(found, names, strict=True)]
+
+
+def _without_front(name: str) -> str | None:
+    label, before = name, ""
+    while before != label:
+        before, label = label, _AHEAD.sub("", label, count=1)
+    label = label.strip(" _.-")
     return None if not _NUMBER.sub("", label) or label.lower() in NO_MATERIAL else label
 
 

@@ -38,6 +38,20 @@ READ = {
     "01_peas.csv 02_rice.csv": ["peas", "rice"],
     "2025-03-04_peas_1.csv 2025-03-04_rice_1.csv": ["peas", "rice"],
     "peas_04-03-2025.csv rice_day2_01.csv rice_trial_1.csv": ["peas", "rice", "rice"],
+    "peas_20250304_01.csv rice_20250304_02.csv": ["peas", "rice"],
+    "peas_01_20250304.csv rice_02_20250305.csv": ["peas", "rice"],
+    "peas_01_250304.csv rice_1_2025-03-04.csv rice_250304_0914.csv": ["peas", "rice", "rice"],
+    "2025-03-04_01_peas.csv 2025-03-04_02_rice.csv": ["peas", "rice"],
+    "peas_push_03.csv rice_push_04.csv": ["peas", "rice"],
+    # counted words of any language, where all names end so
+    "peas_s1.csv peas_s2.csv rice_s1.csv": ["peas", "peas", "rice"],
+    "peas_trial1_s1.csv peas_trial1_s2.csv rice_trial1_s1.csv": ["peas", "peas", "rice"],
+    "oats_Tag1.csv oats_Tag2.csv peas_Tag1.csv rice_Tag1.csv": ["oats", "oats", "peas", "rice"],
+    "peas_Tag1_V1.csv peas_Tag2_V1.csv rice_Tag1_V1.csv rice_Tag1_V2.csv": ["peas", "peas", "rice", "rice"],
+    "peas_01_01.csv peas_02_01.csv rice_01_01.csv rice_01_02.csv": ["peas", "peas", "rice", "rice"],
+    "brown_rice1.csv brown_rice2.csv white_rice1.csv": ["brown_rice", "brown_rice", "white_rice"],
+    "beads_d2_1.csv beads_d4_1.csv glass_d2_1.csv": ["beads_d2", "beads_d4", "glass_d2"],
+    "beads_4_1.csv beads_6_1.csv glass_4_1.csv": ["beads_4", "beads_6", "glass_4"],
     "2_mm_sand.csv sand_0.5mm_1.csv sand_40_2.csv": ["2_mm_sand", "sand_0.5mm", "sand_40"],
     "rosbag2_2025_03_04-10_11_12.csv": [None],
     "1.csv 2.csv": [None, None],
@@ -59,11 +73,29 @@ def test_labels_by_default_are_noted(tmp_path, paths):
     data = load(tree(tmp_path, *names))
     assert [r.label for r in data] == READ[paths]
     assert data.sessions.tolist() == [None] * len(data)
-    label, session, *_ = data.history[-1].notes
+    label, session, *_ = [note for note in data.history[-1].notes if "one recording only" not in note]
     if READ[paths][0] is not None:
         place = "folder" if "/" in paths else "name of the file"
         assert label.startswith(f"label: {place} ('{READ[paths][0]}' of {data.names[0]}")
     assert session == "session: not known"
+
+
+def test_labels_of_one_recording_each_are_noted_first(tmp_path):
+    tree(tmp_path, "01/rice_1.csv", "02/rice_2.csv", "03/peas_1.csv", "04/peas_2.csv")
+    data = load(tmp_path, label="folder")
+    assert (
+        data.history[-1].notes[0].startswith("4 of 4 labels have one recording only ('01', '02', '03', ...)")
+    )
+    assert "no materials, pass label='file' (--label file); or" in data.history[-1].notes[0]
+    assert not any("one recording" in note for note in load(tmp_path, label="file").history[-1].notes)
+    lines = [
+        "file,label,grain",
+        *(f"0{k}/{n},{k},{n[:4]}" for k, n in enumerate(["rice_1.csv", "rice_2.csv"], 1)),
+    ]
+    lines += ["03/peas_1.csv,3,peas", "04/peas_2.csv,4,peas", ""]
+    (tmp_path / "index.csv").write_text("\n".join(lines))
+    assert "pass label='meta:grain' (--label meta:grain)" in load(tmp_path).history[-1].notes[0]
+    assert load(tmp_path, label="meta:grain").labels == ("peas", "rice")
 
 
 DOUBTFUL = {
