@@ -222,11 +222,16 @@ def test_readings_that_were_resampled_are_still_held():
     assert re.search("new values at 1[24]", find_onset(again, 100).why)
 
 
-@pytest.mark.parametrize("rest_s", [0.1, 0.5, 1.0])
-def test_real_rests_have_no_onset(data_dir, rest_s):
-    """31 recordings of 3.2 s; of 0.001 each, one or more in 3 %. Held readings as independent samples: 13 at 0.1 s."""
+@pytest.fixture(scope="module")
+def windows(data_dir):
+    """Rests of 3.2 s."""
     rests = [r.wrench for r in load(data_dir / "sand_press") if r.label == "rest"]
-    windows = [rest[i : i + 320] for rest in rests for i in range(0, len(rest) - 319, 320)]
+    return [rest[i : i + 320] for rest in rests for i in range(0, len(rest) - 319, 320)]
+
+
+@pytest.mark.parametrize("rest_s", [0.1, 0.5, 1.0])
+def test_real_rests_have_no_onset(windows, rest_s):
+    """31 recordings; of 0.001 each, one or more in 3 %. Held readings as independent samples: 13 at 0.1 s."""
     assert len(windows) == 31
     assert n_found(windows, 100, round(100 * rest_s), 1e-3) == 0
     assert n_found(windows, 100, round(100 * rest_s), 0.05) <= 3
