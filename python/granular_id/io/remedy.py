@@ -124,6 +124,8 @@ class Opening:
         """Return the expression for texts, or numbers, as labels."""
         item, is_plain = self.item(one, within), one.leaf.is_numbers or one.leaf.is_attribute
         text = f"numpy.ravel({item})" if is_plain else self.texts.format(item.removesuffix(self.ending))
+        if self.by_reference and one.leaf.is_text and not one.leaf.shape:  # a text is its characters' codes
+            text = f"[''.join(map(chr, {item.removesuffix(self.ending)}[()].ravel()))]"
         return f"{text}[0]" if within else text
 
 
@@ -167,7 +169,12 @@ class Remedy:
         for one in self._every:
             if one.leaf.is_text:
                 texts.setdefault(one.name, []).extend(map(str, np.ravel(one.leaf.read()).tolist()))
-        like_labels = {name for name, every in texts.items() if 1 < len(set(every)) < len(every)}
+        one_each = self._source.n_alike > 1 and self._source.label_known is None  # a text of each file
+        like_labels = {
+            name
+            for name, every in texts.items()
+            if 1 < len(set(every)) < len(every) or (one_each and len(every) == 1)
+        }
         return [
             one
             for one in self._every
@@ -318,33 +325,31 @@ class Remedy:
         }
         for name in likeliest_first(kinds) or [""]:
             self._labels = same.get(name, [])
-            calls += self._of_parts() or self._flat() or self._turned() or self._listed()
+            found = self._of_parts() or self._flat() or self._turned() or self._listed()
+            why = f"{name!r} holds the labels" * (len(same) > 1)
+            calls += [one._replace(why=one.why or why * one.is_beside) for one in found]
         self._labels = every
         labelled = [one for one in calls if one.is_beside]
         return self._each_file(list(dict.fromkeys(labelled or calls)))
 
     def _each_file(self, calls: Sequence[_Call]) -> list[str]:
         """Return the line for each call: of a folder it reads all files like this one, labelled by their places."""
-        several = ["; more than one reading fits, and only you know which is right"] * (len(calls) > 1)
         places = places_of(self._source)
         if not places:
             opened = f"f = {self._how.line.format(repr(str(self._source.path)))}"
-            return [*several, *in_python_each([opened], [(self._text(one, one.y), one.why) for one in calls])]
+            return _only_you(in_python_each([opened], [(self._text(one, one.y), one.why) for one in calls]))
         opened = f"files = [{self._how.line.format('path')} for path in paths]"
         endings = []
         for one in calls:
             for place in places[: 1 if one.y else None]:
                 n = "" if one.n == 1 else f" * len({one.X})"
-                y = one.y or f"[{place.label}]{n}"
-                sessions = "" if place.session is None else f", sessions=[{place.session}]{n}"
+                y = one.y or (place.label and f"[{place.label}]{n}")
+                sessions = "" if place.session is None else f"sessions=[{place.session}]{n}"
                 whys = [one.why, "" if one.y else place.why]
-                each = self._text(one, f"{y}{sessions}")
+                each = self._text(one, ", ".join(filter(None, (y, sessions))))
                 call = f"Dataset([r for path, f in zip(paths, files) for r in {each}])"
                 endings.append((call, " and ".join(filter(None, whys))))
-        several = several or ["; more than one reading fits, and only you know which is right"] * (
-            len(endings) > 1
-        )
-        return [*several, *in_python_each([paths_line(self._source), opened], endings)]
+        return _only_you(in_python_each([paths_line(self._source), opened], endings))
 
     def _text(self, one: _Call, y: str) -> str:
         """Return the call of a method of `Dataset`."""
@@ -497,7 +502,13 @@ class Remedy:
         if not arrays:
             return []
         counts = [one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1 for one in arrays]
-        X = self._list_of(arrays)
+        X, places = self._list_of(arrays), [one.parent for one in arrays]
+        is_one_each = set(counts) == {1} and len({one.name for one in arrays}) == 1 < len(set(places))
+        if is_one_each and not self._how.is_flat:
+            loop, y, is_beside = self._loop(places)
+            if is_beside:
+                turned = ".T" * (arrays[0].leaf.shape[-1] != len(self._known))
+                return [_Call(f"[{self._how.item(arrays[0], places[0])}{turned} {loop}]", y, is_beside=True)]
         beside = [self._label_beside_of(one, n) for one, n in zip(arrays, counts, strict=True)]
         y = f"[{', '.join('*' + y for y in beside)}]" if all(beside) else self._label_beside(sum(counts))
         levels = [] if y else label_levels([one.path for one in arrays], own=True)
@@ -514,6 +525,13 @@ class Remedy:
         ]
         fits = [two for two in near if np.prod(two.leaf.shape) == n]
         return self._how.label(fits[0]) if fits and (ending or n > 1) else ""
+
+
+def _only_you(ways: list[str]) -> list[str]:
+    """Say ahead of several readings that no file says which is right."""
+    return (
+        ["; more than one reading fits, and only you know which is right", *ways] if len(ways) > 1 else ways
+    )
 
 
 def label_levels(paths: Sequence[str], *, own: bool = False) -> list[list[str]]:

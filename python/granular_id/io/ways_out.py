@@ -62,7 +62,7 @@ def paths_line(source: FileSource) -> str:
 
 
 def places_of(source: FileSource) -> list[Place]:
-    """Return the readings of the place of one file of several; none where it is alone, or its place says no label."""
+    """Return the readings of the place of one file of several, one without a label where it says none."""
     if source.n_alike == 1:
         return []
     stated = {"label": source.label_place, "session": source.session_place}
@@ -80,7 +80,7 @@ def places_of(source: FileSource) -> list[Place]:
         if label in calls:
             why = f"{names.get(label, source.name_label)!r} is a material" if len(readings) > 1 else ""
             found.append(Place(calls[label], session, why))
-    return found
+    return found or [Place("", None, "")]
 
 
 def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> list[str]:
@@ -106,7 +106,7 @@ def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> li
         frames = f"frames = [{opening.format('path')}{mend} for path in paths]"
         calls = []
         for place in places[: 1 if is_labelled else None]:
-            labels = "" if is_labelled else f", [{place.label} for path in paths]"
+            labels = "" if is_labelled or not place.label else f", [{place.label} for path in paths]"
             sessions = "" if place.session is None else f", sessions=[{place.session} for path in paths]"
             why = "" if is_labelled else place.why
             calls.append((f"Dataset.from_frames(frames{labels}{words}{sessions})", why))

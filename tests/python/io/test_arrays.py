@@ -304,6 +304,11 @@ ONE_LINE = {
     ),
     "turned": ({"rice": W.T, "peas_2": X[1].T}, X[:2], ["rice", "peas"]),
     "cells turned": ({"X": [one.T for one in X], "labels": LABELS}, X, LABELS),
+    "structs turned": (
+        {"set": [{"ft": x.T, "stoff": y} for x, y in zip(X, LABELS, strict=True)]},
+        X,
+        LABELS,
+    ),
     "structs of parts": (
         {"set": [{"F": x[:, :3], "M": x[:, 3:], "material": y} for x, y in zip(X, LABELS, strict=True)]},
         X,
@@ -397,6 +402,17 @@ def test_a_text_beside_each_recording_may_be_its_label(tmp_path, form):
         WRITERS[form]({"wrench": x, "powder": y, "sensor": "ATI", "fs": 500}, path)
     assert [way["label"] for way in options_of(tmp_path)] == ["column:powder", "file"]
     assert load(tmp_path, label="column:powder").y.tolist() == OF_SIX
+
+
+@pytest.mark.parametrize("called", ["material", "powder"])
+@pytest.mark.parametrize("form", WRITERS)
+def test_files_in_another_order_have_the_labels_beside(tmp_path, form, called):
+    for i, (x, y) in enumerate(zip(SIX, OF_SIX, strict=True)):
+        path = tmp_path / f"rec_{i}.{form.removeprefix('v73.')}"
+        WRITERS[form]({"wrench": x.T, called: y, "fs": 500}, path)
+    data = run(lines_of(refusal(tmp_path))[0])
+    assert data.y.tolist() == OF_SIX
+    assert np.array_equal(data.X, SIX)
 
 
 @pytest.mark.parametrize("n_files", [2, 4])

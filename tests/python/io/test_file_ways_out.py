@@ -197,6 +197,15 @@ def test_a_column_against_names_of_files_has_both_ways(tmp_path, column, first):
     assert load(tmp_path, label="file").y.tolist() == ["peas"] * 6 + ["rice"] * 6
 
 
+def test_mended_tables_without_labels_by_place_are_all_read(tmp_path):
+    for i, material in enumerate(["rice", "peas", "rice"]):
+        rows = [
+            f"{line},{material if k else 'material'}" for k, line in enumerate(with_cell(7, "fz", "OVERLOAD"))
+        ]
+        (tmp_path / f"rec_{i}.csv").write_text("\n".join([*rows, ""]))
+    assert run(*lines_of(refusal(tmp_path))).y.tolist() == ["rice", "peas", "rice"]
+
+
 def test_a_column_of_files_without_labels_is_offered(tmp_path):
     for i, powder in enumerate(["rice", "peas"] * 2):
         table(W).assign(powder=powder).to_csv(tmp_path / f"rec_{i}.csv", index=False)
