@@ -50,7 +50,6 @@ def content_of(
     found, notes = reading.found()
     tables = [table for one in found for table in reading.tables(one)]
     reading.refuse_labels_unread(tables)
-    notes = [*reading.order_notes(found), *notes]
     places = [
         f"{how.kind} {table.name}" if len(tables) > 1 else f"{how.kind} {found[0].path}" for table in tables
     ]
@@ -60,7 +59,8 @@ def content_of(
 
     is_finite = all(np.isfinite(table.values).all() for table in tables if table.values is not None)
     mended = None if is_finite else reading.remedy.mended(found)  # now, as the file will be closed
-    content = FileContent(tables, notes=notes, place=place, may_be_labels=reading.texts_of_one(tables))
+    orders, texts = reading.order_notes(found), reading.texts_of_one(tables)
+    content = FileContent(tables, notes=notes, orders=orders, place=place, may_be_labels=texts)
     return content if mended is None else replace(content, in_python=mended)
 
 
@@ -257,9 +257,7 @@ class _Reading:
             if n_axes in others:
                 places = ("recordings", "samples")[-len(others) :]
                 taken = ", ".join(f"{n} {what}" for n, what in zip(others, places, strict=True))
-                notes.append(
-                    f"{one.path} {one.leaf.shape} is read as {taken} and {n_axes} axes, in this order"
-                )
+                notes.append(f"{one.path} {one.leaf.shape} is read as {taken}, {n_axes} axes")
         return notes[:1]
 
     def _refuse_order(self, values: NDArray[Any], one: Found, label: Sequence[str | None]) -> None:

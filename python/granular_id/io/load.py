@@ -156,7 +156,8 @@ def load(
     )
     reading = _Reading(path, options)
     reads = list(reading.files(progress, parts=False))
-    reading.refuse_labels_unread(reads)
+    if any(read.may_be_labels for read in reads):
+        reading.refuse_labels_unread(reads)
     return reading.dataset(reads, notes=_labels_of_one(reads))
 
 
@@ -229,6 +230,7 @@ class _Read(Made):
     """What a file, or a piece of one, became."""
 
     source: FileSource = field(kw_only=True)
+    orders: Sequence[str] = ()
     history: Sequence[StepReport] = ()
 
 
@@ -360,6 +362,7 @@ class _Reading:
         problems = self._problems[self._n_reported :]
         self._n_reported = len(self._problems)
         totals = {"recordings": 0, "skipped": len(problems), **whole.totals}
+        orders = list(dict.fromkeys(note for read in reads for note in read.orders))
         counts = Counter(note for read in reads for note in read.notes)
         first = list(notes)
         notes = [note if count == 1 else f"{note} ({count} files)" for note, count in counts.items()]
@@ -370,6 +373,7 @@ class _Reading:
         if not self._places_said:  # with the first piece, for all
             places = [_place_note(what, reads, self._alone) for what in ("label", "session")]
             notes = [*first, *filter(None, places), *notes]
+        notes = [*orders, *notes]
         self._places_said = True
         given = {one.name: getattr(self._options, one.name) for one in fields(LoadOptions) if one.init}
         if given["csv"] is not None:
@@ -397,7 +401,9 @@ def _tried(source: FileSource, options: LoadOptions) -> None:
 
 def _made(content: FileContent, source: FileSource) -> _Read:
     """Make the recordings of what a reader found."""
-    read = _Read(rows=content.rows, notes=content.notes, source=source, history=content.history)
+    read = _Read(
+        rows=content.rows, notes=content.notes, source=source, orders=content.orders, history=content.history
+    )
     try:
         read.recordings = [restated(recording, source) for recording in content.recordings]
     except TableError as error:
@@ -409,7 +415,8 @@ def _made(content: FileContent, source: FileSource) -> _Read:
             place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
             lines = content.in_python(error.mend) if error.mend else []
             raise RecordingFileError(source.path, [*error.parts, *lines], **place) from error
-        _refuse_labels_unread(made, content, source)
+        if made.may_be_labels or made.label_mend:
+            _refuse_labels_unread(made, content, source)
         read.may_be_labels = made.may_be_labels or content.may_be_labels
         read.recordings += made.recordings
         read.rows += made.rows

@@ -162,6 +162,7 @@ class FileContent:
     recordings: Sequence[Recording] = ()
     rows: list[dict[str, Any]] = field(default_factory=list)  # remarks on single recordings, "name" first
     notes: list[str] = field(default_factory=list)
+    orders: Sequence[str] = ()  # notes on axes that might be in another order, which are printed first
     history: Sequence[StepReport] = ()
     may_be_labels: Mapping[str, list[str]] = field(default_factory=dict)  # as in `Made`
     place: Callable[[int, int | None], dict[str, Any]] = lambda table, row: {}  # noqa: ARG005

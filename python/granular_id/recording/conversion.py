@@ -132,8 +132,10 @@ def to_recordings(table: Table, stated: Stated) -> Made:
         parts = _parts(picked, table.name)
     made = Made(notes=picked.notes)
     if LABEL not in picked.columns and table.label is None:
-        made.may_be_labels = _label_columns(table, picked, [rows for rows, _ in parts])
-        made.label_mend = _labels_of_ids(picked)
+        if len(table.columns) > len(picked.called):
+            made.may_be_labels = _label_columns(table, picked, [rows for rows, _ in parts])
+        if RECORDING in picked.columns:
+            made.label_mend = _labels_of_ids(picked)
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
         made.recordings.append(part.recording())
@@ -326,8 +328,6 @@ def _label_columns(table: Table, picked: Picked, parts: Sequence[NDArray[np.intp
 
 def _labels_of_ids(picked: Picked) -> str:
     """Return the method that makes labels of ids as ``rice_3`` or ``rice_3.csv``; nothing where these are no names."""
-    if RECORDING not in picked.columns:
-        return ""
     name, cells = picked.called[RECORDING], picked.columns[RECORDING]
     every = set(_texts_of(cells).tolist())
     stems = {re.sub(_ID_END, "", text) for text in every}

@@ -468,8 +468,8 @@ def test_one_file_a_recording_is_read_with_all_like_it(tmp_path, case, layout, f
 
 def test_axes_that_fit_twice_are_named_in_a_note(tmp_path):
     for values, said in (
-        (SIX, "X (6, 50, 6) is read as 6 recordings, 50 samples and 6 axes"),
-        (X[:, :6], "X (4, 6, 6) is read as 4 recordings, 6 samples and 6 axes"),
+        (SIX, "X (6, 50, 6) is read as 6 recordings, 50 samples, 6 axes"),
+        (X[:, :6], "X (4, 6, 6) is read as 4 recordings, 6 samples, 6 axes"),
         (X, None),
     ):
         np.savez(tmp_path / "a.npz", X=values, y=LABELS if len(values) == 4 else OF_SIX, fs=500)
