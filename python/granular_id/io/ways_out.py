@@ -12,7 +12,7 @@ from granular_id._core import GranularIdError
 from granular_id._text import RATE, WayOut, alternatives, in_both, is_unknown
 from granular_id.io.files import RecordingFileError
 from granular_id.io.source import FileSource, LoadOptions
-from granular_id.recording import AXES, Table, meaning_of
+from granular_id.recording import AXES, LABEL, Table, meaning_of
 
 _MODULES = ("dataclasses", "h5py", "io", "json", "numpy", "pandas", "pathlib", "re", "scipy.io")
 _READERS = {".xlsx": "read_excel", ".xls": "read_excel", ".ods": "read_excel", ".feather": "read_feather"}
@@ -101,7 +101,8 @@ def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> li
     words = "".join(f", {name}={value!r}" for name, value in given.items() if value is not None)
     if source.rate_hz is None and "time" not in given and not is_clock(list(table.columns)):
         words += f", rate_hz={RATE}"
-    is_labelled = "label" in given or ".assign(label=" in mend
+    in_table = source.label is None and any(meaning_of(name).what == LABEL for name in table.columns)
+    is_labelled = in_table or "label" in given or ".assign(label=" in mend
     if places := places_of(source):
         frames = f"frames = [{opening.format('path')}{mend} for path in paths]"
         calls = []

@@ -197,12 +197,15 @@ def test_a_column_against_names_of_files_has_both_ways(tmp_path, column, first):
     assert load(tmp_path, label="file").y.tolist() == ["peas"] * 6 + ["rice"] * 6
 
 
-def test_mended_tables_without_labels_by_place_are_all_read(tmp_path):
+@pytest.mark.parametrize("name", ["rec_{i}", "push_a{i}", "day1/{i}", "a/b/{i}"])
+def test_a_column_of_labels_wins_over_places_when_mended(tmp_path, name):
     for i, material in enumerate(["rice", "peas", "rice"]):
         rows = [
             f"{line},{material if k else 'material'}" for k, line in enumerate(with_cell(7, "fz", "OVERLOAD"))
         ]
-        (tmp_path / f"rec_{i}.csv").write_text("\n".join([*rows, ""]))
+        path = tmp_path / f"{name.format(i=i)}.csv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join([*rows, ""]))
     assert run(*lines_of(refusal(tmp_path))).y.tolist() == ["rice", "peas", "rice"]
 
 
