@@ -75,13 +75,15 @@ class Gap:
         return f"no loss shown with {self.held_out} (p = {self.p:.2f}{most})"
 
 
-def matched_draws(data: Dataset, strict: Folds, n_draws: int = N_DRAWS) -> tuple[list[Folds], str]:
+def matched_draws(
+    data: Dataset, strict: Folds, n_draws: int = N_DRAWS, copies: Sequence[tuple[int, int]] = ()
+) -> tuple[list[Folds], str]:
     """Draw at random folds of the sizes of strict ones, so that sessions are mixed; say why not where that cannot be.
 
     In each draw as many recordings of each class train and are tested as in the strict folds, fold by fold: they are
     the strict folds with the rows of each class exchanged. Without an effect of what the strict folds hold out, strict
     and drawn folds are exchangeable, so that the rank of the strict one among 19 draws is an exact p-value. Windows of
-    one recording resemble each other, and are exchanged as one. Where sessions hold hardly more than one recording of a
+    one recording resemble each other, and are exchanged as one, as are `copies`, pairs that share samples. Where sessions hold hardly more than one recording of a
     material that mixes nothing: windows that share no samples are then exchanged one by one, others not at all. Folds
     that are random themselves have no draws.
     """
@@ -89,6 +91,8 @@ def matched_draws(data: Dataset, strict: Folds, n_draws: int = N_DRAWS) -> tuple
         return [], ""
     y = data.y
     units, sessions = recordings_cut(data.recordings), data.sessions
+    for one, other in copies:
+        units = np.where(units == units[other], units[one], units)
     first_tested = np.full(len(y), len(strict))
     for k, fold in enumerate(strict):
         first_tested[fold.test] = np.minimum(first_tested[fold.test], k)
@@ -97,11 +101,11 @@ def matched_draws(data: Dataset, strict: Folds, n_draws: int = N_DRAWS) -> tuple
         n_groups = len(set(sessions[own].tolist())) if strict.by == SESSION else len(strict)
         if label in strict.untested or n_units == own.size or n_units >= 2 * n_groups:
             continue
-        if strict.overlapping:
+        if strict.overlapping or copies:
             held = "session" if strict.by == SESSION else "fold"
+            of = "cut into windows that share samples" if strict.overlapping else "that are no copies"
             return [], (
-                f"{label}: {counted(n_units, 'recording')} cut into windows that share samples, too few to mix "
-                f"what {counted(n_groups, held)} hold"
+                f"{label}: {counted(n_units, 'recording')} {of}, too few to mix what {counted(n_groups, held)} hold"
             )
         units = np.arange(len(y))
         break

@@ -24,6 +24,7 @@ from granular_id.evaluation.differences import Gap, matched_draws
 from granular_id.evaluation.leakage import (
     Untouched,
     accepted_names,
+    copies_together,
     planned_baselines,
     refuse_copies,
     spoiling,
@@ -154,9 +155,9 @@ def evaluate(
 
     folds = _folds(data, by, paper, seed)
     checked = data.check()
-    findings = spoiling(checked, folds, data)
+    findings = spoiling(checked)
     refuse_copies(findings, accepted, folds, data)
-    draws, why_no_gap = matched_draws(data, folds)
+    draws, why_no_gap = matched_draws(data, folds, copies=copies_together(checked, folds, data))
     untouched = planned_baselines(data) if baselines else ()
     trials, drawn_for, fewer = _trials(planned, usual, untouched, folds, len(draws))
 

@@ -153,18 +153,9 @@ def accepted_names(accept: str | Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def spoiling(report: CheckReport, folds: Folds, data: Dataset) -> tuple[Finding, ...]:
-    """Return the findings that spoil an evaluation: errors, and clocks that name the label.
-
-    Of recordings that hold each other's samples only where one trains while the other is tested.
-    """
-    return tuple(
-        finding
-        for finding in report
-        if _apart(finding, folds, len(data))
-        or (finding.code not in _COPIES and finding.severity == "error")
-        or finding.code in _CLOCKS
-    )
+def spoiling(report: CheckReport) -> tuple[Finding, ...]:
+    """Return the findings that spoil an evaluation: errors, and clocks that name the label."""
+    return tuple(finding for finding in report if finding.severity == "error" or finding.code in _CLOCKS)
 
 
 def refuse_copies(findings: Sequence[Finding], accepted: Sequence[str], folds: Folds, data: Dataset) -> None:
@@ -181,8 +172,20 @@ def refuse_copies(findings: Sequence[Finding], accepted: Sequence[str], folds: F
     more = f", and {len(every) - 1} more such pairs" if len(every) > 1 else ""
     raise GranularIdError(
         f"{data.names[one]!r} and {data.names[other]!r} share samples, and one trains while the other is tested{more}: "
-        f"leave one out, give both one session, or pass accept={tuple(apart)!r} (--accept {' --accept '.join(apart)})"
+        f"leave one out, or pass accept={tuple(apart)!r} (--accept {' --accept '.join(apart)})"
     )
+
+
+def copies_together(report: CheckReport, folds: Folds, data: Dataset) -> list[tuple[int, int]]:
+    """Pairs of recordings that share samples, and lie on one side of every split."""
+    return [
+        (one, other)
+        for finding in report
+        if finding.code in _COPIES
+        for apart in [_apart(finding, folds, len(data))]
+        for one, other, *_ in finding.values["pairs"]
+        if (one, other) not in apart
+    ]
 
 
 def _apart(finding: Finding, folds: Folds, n_rows: int) -> set[tuple[int, int]]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from sklearn.neighbors import KNeighborsClassifier
 
 from evaluation_cases import QUIET, Centroids, held, of_levels
 from granular_id.evaluation import Gap, evaluate
@@ -42,6 +43,20 @@ def test_sessions_that_cost_are_found_and_others_not(effect, lost):
     assert result.gap.is_lost is lost
     assert result.gap.points == pytest.approx(np.mean(result.at_random["raw"]) - result.accuracy())
     assert len(result.at_random["raw"]) == 19
+
+
+def test_copies_within_sessions_make_no_gap():
+    """Random vectors with no material in them: who trains on a copy of what is tested names it right."""
+    rng = np.random.default_rng(0)
+    levels, material = rng.normal(size=(32, 6)), np.repeat([f"m{k}" for k in range(4)], 8)
+    session = [f"{k % 4}" for k in range(32)]
+    twice = of_levels(*(np.concatenate([part, part]) for part in (levels, material, session)))
+    classifier = KNeighborsClassifier(1)
+    known = evaluate(twice, "raw", classifier=classifier, accept="duplicates", **QUIET)
+    assert not known.gap.is_lost
+    assert abs(known.gap.points) < 0.15
+    few = evaluate(twice[[k for k in range(64) if k % 32 % 8 < 4]], "raw", accept="duplicates", **QUIET)
+    assert few.why_no_gap == "m0: 4 recordings that are no copies, too few to mix what 4 sessions hold"
 
 
 def test_overlapping_windows_without_sessions_show_no_gap():

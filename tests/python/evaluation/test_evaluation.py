@@ -253,9 +253,12 @@ def test_copies_on_both_sides_of_a_split_stop_it(data):
     assert "accepted: duplicates" in str(known)
 
 
-def test_copies_within_a_held_out_session_spoil_nothing(data):
+def test_copies_within_a_held_out_session_stand_first(data):
     result = evaluate(copied(data, data[0].session), "raw", accept="leak-clok", **QUIET)
-    assert result.findings == ()
+    assert [finding.code for finding in result.spoiling] == ["duplicates"]
+    assert str(result).startswith(
+        "SPOILED by duplicates: 1 recording holds exactly the samples of another one"
+    )
     assert "accept: the checks found nothing called 'leak-clok'" in result.notes
 
 
