@@ -1,6 +1,6 @@
 """Accuracy of our methods beside peers of aeon and scikit-learn, on recordings of others: make bench BENCH=accuracy.
 
-All methods get the same partitions: whole sessions held out where there are sessions, else halves in time order, both
+All methods get the same partitions: whole sessions held out where there are sessions, else halves in order, both
 ways; the robot-failure sets have no order, so stratified folds. Features are timed on one thread, in processor time,
 compilation not counted. Peers that are not installed are left out: pip install --group accuracy
 """

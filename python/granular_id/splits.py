@@ -2,7 +2,7 @@
 
 Recordings made minutes apart share tool, fill, zero offset and temperature, so random folds flatter a method that has
 learned the session instead of the material. `hold_out` holds out what new recordings will not share: whole sessions
-where they are known, else halves in time.
+where they are known, else halves in the order of time, or of the files where no time is known.
 """
 
 from __future__ import annotations
@@ -30,11 +30,13 @@ AUTO, SESSION, TIME, RANDOM, PAPER = "auto", "session", "time", "random", "paper
 
 NAMES = {
     SESSION: "held-out sessions",
-    TIME: "halves in time order",
+    TIME: "halves in time order",  # of files where no time is known: see `Folds.name`
     RANDOM: "random folds",
     PAPER: "random partitions",
 }
 """Each way to hold out, in words; a condition is called after itself."""
+
+_BY_START = "by start time"
 
 N_FOLDS = 5
 MANY_RECORDINGS, FOLDS_OF_MANY = 2000, 3  # fewer folds: time grows faster than the number of recordings
@@ -75,6 +77,8 @@ class Folds:
         Of what is drawn at random.
     overlapping : bool
         Whether the recordings are windows of which some share samples.
+    in_file_order : bool
+        Whether halves go by the order of the data set, as start times say none.
     """
 
     by: str
@@ -83,10 +87,13 @@ class Folds:
     untested: Mapping[str, str] = field(default_factory=dict)
     seed: int = 0
     overlapping: bool = False
+    in_file_order: bool = False
 
     @property
     def name(self) -> str:
         """What they hold out in words, such as ``"held-out sessions"`` or ``"another tool"``."""
+        if self.in_file_order:
+            return "halves in file order"
         return NAMES.get(self.by, f"another {self.by}")
 
     @property
@@ -167,14 +174,14 @@ def _order_in_time(data: Dataset) -> tuple[Rows | None, str]:
     )  # the order of the data where all is NaN
     known = np.isfinite(times)
     if not known.any():
-        return rank, "by file order: the recordings carry no start time"
+        return rank, "as the recordings carry no start time"
     if not known.all():
         return None, (
             f"recording {names[int(known.argmin())]!r} has no start time but {int(known.sum())} of {times.size} "
             "recordings have one: no order in time"
         )
     if times.size > 1 and (times == times[0]).all():
-        return rank, "by file order: all recordings start at the same time, so their clocks say nothing"
+        return rank, "as all recordings start at the same time, so that their clocks say nothing"
     seen: dict[tuple[str, float], int] = {}
     for row, moment in enumerate(zip(data.y.tolist(), times.tolist(), strict=True)):
         twin = seen.setdefault(moment, row)
@@ -183,7 +190,7 @@ def _order_in_time(data: Dataset) -> tuple[Rows | None, str]:
                 f"recordings {names[twin]!r} and {names[row]!r} of class {moment[0]!r} start at the same time: "
                 "no order in time"
             )
-    return rank, "by start time"
+    return rank, _BY_START
 
 
 def rows_of_class(y: ArrayLike) -> dict[Any, Rows]:
@@ -374,7 +381,8 @@ def _time_folds(y: NDArray[Any], groups: Groups) -> Folds | str:
         Fold(np.flatnonzero(side != test), np.flatnonzero(side == test), name)
         for test, name in ((2, "1st->2nd half"), (1, "2nd->1st half"))
     )
-    return Folds(TIME, folds, (f"halves in time order, {groups.basis}",), untested)
+    drawn = Folds(TIME, folds, (), untested, in_file_order=groups.basis != _BY_START)
+    return replace(drawn, notes=(f"{drawn.name}, {groups.basis}",))
 
 
 def _random_folds(y: NDArray[Any], n_folds: int, seed: int, overlaps: Rows | None = None) -> Folds | str:
@@ -524,7 +532,7 @@ class ChoiceFolds(NamedTuple):
     note: str
 
 
-SESSIONS, BLOCKS, RANDOMLY, CONDITIONS = "sessions", "blocks in time", "random recordings", "conditions"
+SESSIONS, BLOCKS, RANDOMLY, CONDITIONS = "sessions", "blocks in order", "random recordings", "conditions"
 """What a fold that chooses holds out."""
 
 NONE = "nothing"
@@ -535,7 +543,7 @@ def choice_folds(
 ) -> ChoiceFolds:
     """Split training rows, with the class and the groups of each, into folds that make a choice.
 
-    The rule of `hold_out`: whole conditions, or sessions, where half of the classes have two; else blocks in time; else
+    The rule of `hold_out`: whole conditions, or sessions, where half of the classes have two; else halves in order; else
     random folds, drawn anew until 500 rows were held out, at most 10 times. The single row of a class always trains.
     Rows that share samples with a tested one, or its number in `copies`, do not train. A fold that leaves a class
     nothing to train on is none, and where fewer than two classes have two rows there are no folds.
@@ -565,14 +573,14 @@ def _drawn_to_choose(y: Rows, groups: Groups, wanted: int, seed: int) -> ChoiceF
         why = why if drawn is None else "fewer than half of the classes have several sessions"
     halves = _time_folds(y, groups)
     if isinstance(halves, Folds):
-        note = f"the earlier and the later half of each class in time ({why})"
+        note = f"the first and the second half of each class in order ({why})"
         return ChoiceFolds(_pairs(halves), BLOCKS, note)
     n_used = min(wanted, int(counts.max()))
     repeats = min(_MOST_REPEATS, -(-_ENOUGH_ROWS // len(y)))
     seeds = np.random.SeedSequence(seed, spawn_key=(7,)).generate_state(repeats).tolist()
     folds = tuple(pair for draw in seeds for pair in _pairs(_random_folds(y, n_used, draw, groups.overlaps)))
     times = f", drawn {repeats} times" if repeats > 1 else ""
-    return ChoiceFolds(folds, RANDOMLY, f"{n_used} random folds{times} ({why}, and no order in time)")
+    return ChoiceFolds(folds, RANDOMLY, f"{n_used} random folds{times} ({why}, and no order)")
 
 
 def _pairs(drawn: Folds | str) -> tuple[tuple[Rows, Rows], ...]:

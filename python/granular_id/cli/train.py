@@ -59,7 +59,7 @@ def train(
     """Train a model on all recordings and write it into one file.
 
     `granular-id identify` and `granular-id live` use it. What may be expected of it is measured on recordings that are
-    held out, as strictly as they allow: whole sessions, else halves in time order, else random folds. They also set
+    held out, as strictly as they allow: whole sessions, else halves in the order of time or files, else random folds. They also set
     from which margin on an answer may be given before the push is over.
 
     Examples:

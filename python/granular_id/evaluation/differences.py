@@ -83,9 +83,9 @@ def matched_draws(
     In each draw as many recordings of each class train and are tested as in the strict folds, fold by fold: they are
     the strict folds with the rows of each class exchanged. Without an effect of what the strict folds hold out, strict
     and drawn folds are exchangeable, so that the rank of the strict one among 19 draws is an exact p-value. Windows of
-    one recording resemble each other, and are exchanged as one, as are `copies`, pairs that share samples. Where sessions hold hardly more than one recording of a
-    material that mixes nothing: windows that share no samples are then exchanged one by one, others not at all. Folds
-    that are random themselves have no draws.
+    one recording resemble each other, and are exchanged as one, as are `copies`, pairs that share samples. Where
+    sessions hold hardly more than one recording of a material that mixes nothing: windows that share no samples are
+    then exchanged one by one, others not at all. Folds that are random themselves have no draws.
     """
     if not strict.strict:
         return [], ""

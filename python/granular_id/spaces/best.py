@@ -285,7 +285,7 @@ class Choice:
         all are wrong. The largest mean over folds is the best: it says what accuracy says, and grades it.
     joint : ndarray, shape (J,)
         Accuracy of the chosen ones together. They were chosen on these folds: too good by as much as the choice won.
-    held_out : {"conditions", "sessions", "blocks in time", "random recordings", "nothing"}
+    held_out : {"conditions", "sessions", "blocks in order", "random recordings", "nothing"}
         What a fold was.
     note : str
         How the folds were made, as a line to read.

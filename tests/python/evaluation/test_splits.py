@@ -236,12 +236,16 @@ def test_random_folds_are_stratified_and_even(n, m, n_folds):
     [
         ([3.0, 1.0, 2.0], "by start time"),
         ([5.0, 1.0, 1.0], "by start time"),  # the equal times are in different classes
-        ([np.nan] * 3, "by file order: the recordings carry no start time"),
-        ([0.0] * 3, "by file order: all recordings start at the same time, so their clocks say nothing"),
+        ([np.nan] * 3, "as the recordings carry no start time"),
+        ([0.0] * 3, "as all recordings start at the same time, so that their clocks say nothing"),
     ],
 )
 def test_order_in_time_says_what_it_goes_by(times, note):
-    assert groups_of(made("aab", times=[None if np.isnan(t) else t for t in times])).basis == note
+    known = [None if np.isnan(t) else t for t in times]
+    assert groups_of(made("aab", times=known)).basis == note
+    folds = hold_out(made("aabb", times=[*known, known[-1] and 9.0]), "time")
+    assert folds.name == f"halves in {'time' if note.startswith('by') else 'file'} order"
+    assert folds.notes == (f"{folds.name}, {note}",)
 
 
 def test_groups_of_rows_keep_their_order():

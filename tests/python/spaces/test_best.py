@@ -234,7 +234,7 @@ def test_folds_are_the_strictest_that_there_are():
     for train, test in folds.folds:
         assert not set(sessions[train]) & set(sessions[test])
     in_time = folds_of(codes, None, np.arange(40)[::-1], 4)
-    assert in_time.held_out == "blocks in time"
+    assert in_time.held_out == "blocks in order"
     assert [test.tolist() for _, test in in_time.folds] == [list(range(20)), list(range(20, 40))]
     one_session = folds_of(codes, ["a"] * 40, np.arange(40), 4)
     assert "fewer than two materials have several sessions" in one_session.note
