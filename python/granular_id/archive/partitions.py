@@ -26,8 +26,8 @@ from granular_id._core import GranularIdError
 from granular_id._files import absolute, durable_file, made_folder
 from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import counted
-from granular_id.archive.workers import work_through
-from granular_id.io.files import naming, need, printable
+from granular_id.archive.workers import check_scheduler, work_through
+from granular_id.io.files import RecordingFileError, naming, need, printable
 from granular_id.io.parquet.archive import Archive, RowGroup, coded_texts
 from granular_id.io.parquet.layout import MARK, key_of
 from granular_id.recording import Dataset, Recording, Setup
@@ -143,6 +143,8 @@ def make_file(partition: Partition, spec: Spec, out: str) -> str:
         return ""
     try:
         table = process_partition(partition, spec)
+    except RecordingFileError as error:  # names the row group itself
+        return printable(str(error))
     except Exception as error:
         return f"{partition}: {printable(str(error)) or type(error).__name__}"
     # Lists of numbers are split into bytes, which lz4 packs: 600 counts take 256 bytes of 4,800, at 165,000 recordings
@@ -228,6 +230,7 @@ def run(
     """
     checked_n_jobs(n_jobs)
     check_progress(progress)
+    check_scheduler(scheduler)
     if scheduler is not None and n_jobs is not None:
         problem = f"must be None with a scheduler, whose workers are as they are; got {n_jobs!r}"
         raise argument_error(GranularIdError, "n_jobs", problem)

@@ -13,6 +13,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from granular_id import _core
+from granular_id._checks import argument_error
+from granular_id._core import GranularIdError
 from granular_id.io.files import need
 
 Make = Callable[[Any], str]
@@ -22,6 +24,19 @@ _BATCH = 512
 """Partitions in one message to the scheduler: a few MB; Dask warns above 10."""
 
 _DIED = "the processes that worked on it died, each time (out of memory, or a crash in a library)"
+
+
+def check_scheduler(scheduler: Any) -> None:
+    """Refuse a text that is no address: a client of such a one would wait for it at the end of the program."""
+    if isinstance(scheduler, str):
+        need("distributed", extra="dask", why="to work on a Dask cluster")
+        from distributed.comm.addressing import get_address_host_port
+
+        try:
+            get_address_host_port(scheduler)
+        except ValueError as error:
+            problem = f"={scheduler!r} is no address such as tcp://host:8786 ({error})"
+            raise argument_error(GranularIdError, "scheduler", problem) from error
 
 
 def work_through(

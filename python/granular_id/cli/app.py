@@ -5,18 +5,17 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from granular_id import _core
 from granular_id._core import GranularIdError
+from granular_id.cli import archive, convert, data, setup
 from granular_id.cli.adapt import adapt
-from granular_id.cli.archive import archive, extract
 from granular_id.cli.confidence import confidence
-from granular_id.cli.convert import convert, synthesize
-from granular_id.cli.data import check, info, plot
 from granular_id.cli.demo import demo
 from granular_id.cli.evaluate import evaluate
 from granular_id.cli.explain import explain
@@ -26,7 +25,6 @@ from granular_id.cli.live import live
 from granular_id.cli.outputs import show
 from granular_id.cli.record import record
 from granular_id.cli.recordings import with_way_out
-from granular_id.cli.setup import setup
 from granular_id.cli.train import model, train
 
 __all__ = ["app"]
@@ -40,10 +38,10 @@ _OTHER_NAMES = {"by": "--hold-out", "n_jobs": "--jobs", "random_state": "--seed"
 
 
 class Commands(TyperGroup):
-    """Commands whose refusals are one message and an exit code; anything else is a bug and shows its traceback."""
+    """All commands: wrong usage is said in one message, as their refusals are."""
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
-        """Run a command, and leave the process with its code; wrong usage is said like all else."""
+        """Run a command, and leave the process with its code."""
         try:
             code = super().main(*args, **kwargs | {"standalone_mode": False})
         except typer.Abort:
@@ -57,13 +55,17 @@ class Commands(TyperGroup):
             if type(error).__name__ != "NoArgsIsHelpError":  # the help was printed
                 context = getattr(error, "ctx", None)
                 help_ = f"; see {context.command_path} --help" if context is not None else ""
-                said = " ".join(str(format_message()).split()).removesuffix(".")
+                said = " ".join(str(format_message()).split()).removesuffix(".").replace("Value error, ", "")
                 show(f"error: {said[:1].lower()}{said[1:]}{help_}", "bold red", err=True)
             sys.exit(getattr(error, "exit_code", BAD_INPUT))
         sys.exit(code if isinstance(code, int) else 0)
 
+
+class Command(TyperCommand):
+    """A command whose refusals are one message and an exit code; anything else is a bug and shows its traceback."""
+
     def invoke(self, ctx: Any) -> Any:
-        """Run a command: bad input ends with 2, a missing extra with 1, Ctrl-C with 130."""
+        """Run it: bad input ends with 2, a missing extra with 1, Ctrl-C with 130."""
         before = warnings.showwarning, sys.unraisablehook
         warnings.showwarning, sys.unraisablehook = _show_warning, raise_again
         try:
@@ -75,7 +77,7 @@ class Commands(TyperGroup):
             # An ImportError with a name is a broken installation, not one of ours that says what to install.
             if isinstance(error, ImportError) and error.name is not None:
                 raise
-            said = _words_of(error, _option_names(self))
+            said = _words_of(error, {name for one in self.params for name in one.opts})
             show(f"error: {with_way_out(error, said)}", "bold red", err=True)
             raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None
         finally:
@@ -91,36 +93,52 @@ def _words_of(error: Exception, options: set[str]) -> str:
     return option + message.removeprefix(argument) if option in options else message
 
 
-def _option_names(group: Any) -> set[str]:
-    """Return the names of the options of all commands in a group."""
-    names: set[str] = set()
-    for command in group.commands.values():
-        names |= {name for one in command.params for name in one.opts}
-        names |= _option_names(command) if hasattr(command, "commands") else set()
-    return names
-
-
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     show(f"warning: {message}", "bold yellow", err=True)
 
 
-app = typer.Typer(
-    cls=Commands,
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="markdown",
-    pretty_exceptions_enable=False,
-    help=PURPOSE,
-)
-for command in (demo, evaluate, train, identify, live, record, explain, confidence, adapt, extract, model):
-    app.command()(command)
-data = typer.Typer(
-    no_args_is_help=True, rich_markup_mode="markdown", help="Look at recordings, check and convert them."
-)
-for shown in (info, check, plot, convert, synthesize):
-    data.command()(shown)
-for group, name in ((data, "data"), (archive, "archive"), (setup, "setup")):
-    app.add_typer(group, name=name)
+_GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
+    "data": (
+        "Look at recordings, check and convert them.",
+        {
+            "info": data.info,
+            "check": data.check,
+            "plot": data.plot,
+            "convert": convert.convert,
+            "synthesize": convert.synthesize,
+        },
+    ),
+    "archive": (
+        "Recordings in Parquet by the million: add, look at, check.",
+        {"add": archive.add, "info": archive.info, "check": archive.check},
+    ),
+    "setup": (
+        "What recordings and models were made with; the tool's weight.",
+        {"show": setup.show_setup, "payload": setup.payload},
+    ),
+}
+_HELP: dict[str, Any] = {"no_args_is_help": True, "rich_markup_mode": "markdown"}
+
+app = typer.Typer(cls=Commands, add_completion=False, pretty_exceptions_enable=False, help=PURPOSE, **_HELP)
+for _command in (
+    demo,
+    evaluate,
+    train,
+    identify,
+    live,
+    record,
+    explain,
+    confidence,
+    adapt,
+    archive.extract,
+    model,
+):
+    app.command(cls=Command)(_command)
+for _name, (_purpose, _commands) in _GROUPS.items():
+    _group = typer.Typer(help=_purpose, **_HELP)
+    for _word, _called in _commands.items():
+        _group.command(_word, cls=Command)(_called)
+    app.add_typer(_group, name=_name)
 
 
 @app.callback(help=PURPOSE, invoke_without_command=True)

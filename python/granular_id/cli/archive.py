@@ -70,6 +70,7 @@ def add(
             appender, rates = Appender(archive), _rates(archive)
             for path in paths:
                 for piece in _pieces(path, on_error, skipped):
+                    appender.update(piece.axes, str(path))
                     rates = rates or {piece[0].rate_hz}
                     _refuse_other_rate(piece, rates, path, archive)
                     notes |= dict.fromkeys(f"note: {note}" for note in piece.history[-1].notes)
@@ -81,13 +82,12 @@ def add(
                 raise GranularIdError("no recording is left to add")
     finally:
         speed = n_added / max(time.monotonic() - begun_s, 1e-3)
-        lines = [f"added {counted(n_added)} to {archive}, {speed:,.0f} recordings/s"] * bool(
-            n_added or n_present
-        )
+        lines = [f"added {counted(n_added)} to {archive}, {speed:,.0f} recordings/s"] * bool(n_added)
         lines += [f"{counted(n_present)} {verb(n_present, 'was', 'were')} there already"] * bool(n_present)
         if skipped:
             lines += [f"{counted(len(skipped), 'file')} skipped:", *(f"  {reason}" for reason in skipped)]
-        show("\n".join([*lines, *notes]), most=_SHOWN + 4, rest="")
+        if lines:
+            show("\n".join([*lines, *notes]), most=_SHOWN + 4, rest="")
 
 
 def _pieces(path: Path, on_error: opt.Skip, skipped: list[str]) -> Iterator[Dataset]:
@@ -221,15 +221,6 @@ def check(archive: opt.Archive, *, details: opt.Details = False, quiet: opt.Quie
     show(str(report), most=None if details else 2 * _SHOWN)
     if not report.ok:
         raise typer.Exit(opt.FOUND_ERRORS)
-
-
-archive = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-    help="Recordings in Parquet by the million: add, look at, check.",
-)
-for shown in (add, info, check):
-    archive.command()(shown)
 
 
 # Work on all of an archive.

@@ -153,9 +153,9 @@ def _names_in(spaces: str | None) -> str | list[str] | None:
         return spaces
     from granular_id.spaces import feature_spaces
 
-    names = opt.names_in(spaces)
+    names, known = opt.names_in(spaces), feature_spaces()
     for name in names:
-        named(feature_spaces(), "spaces", name)
+        named(known, "spaces", name)
     if not names or len(set(names)) < len(names):
         raise GranularIdError(f"--spaces must name at least one feature space, each once, got {spaces!r}")
     return names

@@ -32,7 +32,7 @@ Source = Annotated[
         "--source",
         "-s",
         help="rdt://HOST, replay:PATH, sim:MATERIAL, sim:unknown, or with granular-id-contrib ur://HOST, bota:FILE "
-        'and ros2://TOPIC; options as in "sim:rice?seed=1&speed=10".',
+        'and ros2://TOPIC; options as in "sim:rice?speed=10".',
     ),
 ]
 Robots = Annotated[
@@ -77,8 +77,11 @@ def live(
     speed_m_s: Speed = 0.03,
     trigger: Begins = "auto",
     threshold_n: Threshold = 0.5,
-    pre_s: Annotated[float | None, Option(callback=opt.POSITIVE, help="Rest ahead of the motion.")] = None,
-    timeout_s: Annotated[float, Option(callback=opt.POSITIVE, help="Wait for the motion.")] = 30.0,
+    pre_s: Annotated[
+        float | None,
+        Option(callback=opt.POSITIVE, help="Seconds of rest ahead of the motion. Default: the model's."),
+    ] = None,
+    timeout_s: Annotated[float, Option(callback=opt.POSITIVE, help="Seconds to wait for the motion.")] = 30.0,
     max_gap: MaxGap = 0,
     max_force_n: MaxForce = None,
     max_torque_n_m: MaxTorque = None,

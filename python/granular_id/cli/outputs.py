@@ -17,7 +17,7 @@ from rich.text import Text
 
 from granular_id._core import GranularIdError
 from granular_id._files import JSON, MODELS, PAGES, PICTURES, TABLES, check_source, check_target, write_json
-from granular_id._text import Table
+from granular_id._text import Table, counted
 
 COLUMNS = 80
 """No line is wider, piped or not, unless a single word is."""
@@ -88,7 +88,8 @@ def print_table(table: Table, *, strong: bool = False, details: bool = True, roo
         drawn = _drawn(table, rows)
     if rows:
         n_lines += show("\n".join(drawn))
-    more = [f"... {len(table.rows) - len(rows)} more rows: --details"] * (len(rows) < len(table.rows))
+    n_more = len(table.rows) - len(rows)
+    more = [f"... {counted(n_more, 'more row')}: --details"] * bool(n_more)
     return n_lines + sum(show(note) for note in (*more, *table.notes))
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
 from typer import Argument, Option
 
 from granular_id._files import MODELS, check_source
@@ -58,7 +57,7 @@ _NARROW = 16
 def show_setup(
     path: Annotated[Path, Argument(metavar="RECORDINGS|MODEL", help="Recordings, or a model.")],
     other: Annotated[
-        Path | None, Argument(metavar="[RECORDINGS|MODEL]", help="What to compare with it.")
+        Path | None, Argument(metavar="RECORDINGS|MODEL", help="What to compare with it.")
     ] = None,
     *,
     details: Details = False,
@@ -142,7 +141,12 @@ def _compared(training: _Side, now: _Side, *, details: bool) -> Iterator[str]:
             what = follows.get(name, "not compared" if any(unstated) else "fine")
             both = training.words(before[name]), now.words(after[name])
             rows.append((name, what, both[0], "the same" if both[0] == both[1] else both[1]))
-    yield from _in_columns(rows, details=details)
+    if not details:
+        yield from _in_columns(rows, details=False)
+        return
+    for name, what, before_, after_ in rows[1:]:
+        yield f"{name}: {what}"
+        yield from _in_columns([("  training", before_), ("  now", after_)], details=True)
 
 
 def _follows(training: Dataset, now: Dataset) -> dict[str, str]:
@@ -214,12 +218,3 @@ def _table_of(payload: Payload) -> Table:
     title = f"Payload of {counted(payload.n_rests or 0, 'rest')}"
     title += f", frame {payload.frame!r}" * (payload.frame is not None)
     return Table(title, ("", "value", "residual"), tuple(rows), notes)
-
-
-setup = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-    help="What recordings and models were made with; the tool's weight.",
-)
-setup.command("show")(show_setup)
-setup.command("payload")(payload)

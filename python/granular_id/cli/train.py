@@ -9,6 +9,7 @@ from typer import Option
 
 from granular_id._checks import named
 from granular_id._core import GranularIdError
+from granular_id._text import known_label
 from granular_id.cli import options as opt
 from granular_id.cli.outputs import (
     MODEL,
@@ -92,7 +93,7 @@ def train(
         target_error=target_error,
         coverage=coverage,
         share_known=share_known,
-        background=() if background is None else opt.names_in(background),
+        background=[known_label(name, data.labels) for name in opt.names_in(background or "")],
         random_state=seed,
         progress=not quiet,
     )

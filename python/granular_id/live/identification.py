@@ -320,7 +320,7 @@ def _rest_of(model: Identifier, pre_s: float | None) -> float:
     if rest_s is None:
         problem = (
             "must be given: the seconds of rest that each recording of the training begins with, which they do not "
-            "state (recorded here, 0.25); or answer at each hop (HopIdentifier, hop_s)"
+            "state (recorded here, 0.25); or answer at each hop (--hop-s, in Python HopIdentifier)"
         )
         raise argument_error(GranularIdError, "pre_s", problem)
     if model.lead_s is not None and abs(rest_s - model.lead_s) > 0.5 / model.rate_hz:

@@ -114,7 +114,7 @@ def align_recordings(
             fits = (f"n_samples={least} fits all ", typed(duration_s=least / rate_hz))
             raise WayOutError(
                 f"recording {recording.name!r} {missing}; {share} have no room; ",
-                *(fits if least else ["ask for less lead"]),
+                *(fits if least > 0 else ["ask for less lead"]),
                 ", or pass on_short='skip' to leave such recordings out ",
                 typed(on_error="skip"),
             )

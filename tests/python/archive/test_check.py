@@ -103,7 +103,7 @@ def test_check_finds_values_that_differ(folder, part, of_index, column, values, 
 
 
 def test_check_finds_recordings_that_are_there_twice(folder, monkeypatch):
-    monkeypatch.setattr("granular_id.io.parquet.writing.Appender._update", lambda *_: None)
+    monkeypatch.setattr("granular_id.io.parquet.writing.Appender.update", lambda *_: None)
     append(folder, Dataset([PUSHES[1], replace(PUSHES[2], name="other"), PUSHES[3]]))
     (problem,) = checked(folder).problems
     assert problem.place == "row group 0"

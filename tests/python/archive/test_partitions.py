@@ -182,6 +182,7 @@ def test_run_into_other_work_is_refused(archive, out, tmp_path):
         ({"n_jobs": 0}, "n_jobs"),
         ({"progress": 3}, "progress must be"),
         ({"scheduler": "tcp://host:8786", "n_jobs": 2}, "n_jobs must be None with a scheduler"),
+        ({"scheduler": "host"}, "scheduler='host' is no address such as tcp://host:8786"),
     ],
 )
 def test_run_checks_its_options_first(archive, out, options, said):

@@ -112,6 +112,10 @@ def test_another_rate_is_refused_with_the_way_out(folder, archive, tmp_path, mon
     rng = np.random.default_rng(2)
     uneven = saved(Dataset([recording(rng, 0, 0, jitter=0.2)]), tmp_path / "uneven")
     assert "has no even rate, those of" in refused("archive", "add", fleet, uneven)
+    other = gid.save(gid.load(slow).select(axes=["fx", "fy"]), tmp_path / "two.npz")
+    ended = run("archive", "add", fleet, other)  # a rate alone would not help
+    assert ended.stdout == ""
+    assert "two.npz has the axes fx fy, and the archive" in " ".join(ended.stderr.split())
 
 
 @pytest.fixture
@@ -233,7 +237,7 @@ def half(folder, tmp_path, monkeypatch):
 def test_what_was_made_is_told_where_a_part_failed(half, model, tmp_path):
     ended = run("extract", half, "-o", tmp_path / "features", "-q")
     assert ended.exit_code == 2
-    assert "1 partition failed" in ended.stderr
+    assert "1 partition failed" in " ".join(ended.stderr.split())
     assert "20 recordings in 2 partitions; " in " ".join(ended.stdout.split())
     assert reader_of(ended.stdout)["features"].X.shape == (20, 600)
     ended = run("identify", model, half, "-o", tmp_path / "answers")

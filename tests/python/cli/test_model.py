@@ -285,10 +285,15 @@ def test_labels_with_blanks_are_typed_with_underscores(loud, tmp_path):
     assert "\nred clay " in out
     assert "\nred_clay " in out
     one = [replace(one, label={"rice": "red clay"}.get(one.label, "peas")) for one in load(loud)]
+    rye = [replace(each, label="rye", session="day 9") for each in one[::2]]
+    save(Dataset([*one, *rye]), tmp_path / "three.npz")
     line = refused(
         "explain", save(Dataset(one), tmp_path / "one.npz"), "red clay", "red_clay", "--space", "raw"
     )
     assert "must be two materials, got 'red clay' twice" in line
+    words = ("--space", "raw", "--background", "red_clay", "--quiet")
+    ended_well("train", tmp_path / "three.npz", "-o", tmp_path / "m.safetensors", *words)
+    assert Identifier.load(tmp_path / "m.safetensors").classes == ("peas", "rye")
     record = ("--source", "sim:?speed=50", "--n", 1, "--duration-s", 0.5, "--label", "oat_flakes")
     ended_well("record", *record, "-o", tmp_path / "pushes")
     assert load(tmp_path / "pushes").labels == ("oat flakes",)

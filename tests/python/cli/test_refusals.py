@@ -114,6 +114,7 @@ AFTER_READING = [
     ("data convert {folder} x.npz --flip fx,fy,fz,tx,ty,tz", "sign"),
     ("data convert {folder} x.npz --tare-s 9 --on-error skip", "none of 30 recordings has 9 s of rest"),
     ("data convert {pushes} x.npz --compensate {pushes}", "pushes.npz: no payload"),
+    ("setup payload {folder} -o t.json", "error: gravity must be given"),  # there is no --gravity here
 ]
 
 
@@ -138,6 +139,7 @@ USAGE = [
     ("evaluate . --nope", "no such option: --nope"),
     ("nothing", "no such command 'nothing'"),
     ("data nothing", "no such command 'nothing'"),
+    ("data plot . --what x", "invalid value for '--what': 'x' is not one of 'recordings'"),
     ("record --n", "option '--n' requires an argument"),
 ]
 
@@ -161,7 +163,11 @@ def test_group_without_a_command_prints_its_help(typed):
     ("error", "said"),
     [
         (argument_error(_core.GranularIdError, "by", "is wrong"), "--hold-out is wrong"),
-        (argument_error(_core.GranularIdError, "on_error", "='x'; wanted"), "--on-error='x'; wanted"),
+        (argument_error(_core.GranularIdError, "bin_range", "='x'; wanted"), "--bin-range='x'; wanted"),
+        (
+            argument_error(_core.GranularIdError, "on_error", "is wrong"),
+            "on_error is wrong",
+        ),  # none of its options
         (argument_error(_core.GranularIdError, "data", "is wrong"), "data is wrong"),
         (FileNotFoundError(2, "No such file", "a.csv"), "a.csv: no such file"),
         (FileNotFoundError("seed: no such file or folder"), "seed: no such file or folder"),

@@ -28,7 +28,8 @@ def read_parquet(source: FileSource, _: LoadOptions) -> FileContent:
         return FileContent(recordings=data.recordings, history=data.history)
     with open_parquet(source.path, source.root) as opened:
         if MARK in labels_of(opened):
-            raise RecordingFileError(source.path, "is part of an archive; wanted the folder of the archive")
+            what = "is part of an archive, or was made of one; wanted the folder of the archive"
+            raise RecordingFileError(source.path, what)
         schema = opened.schema_arrow
         units = {field.name: unit for field in schema if (unit := _unit_of(field)) is not None}
         table = opened.read(use_threads=False)

@@ -149,11 +149,11 @@ class Appender:
         self._ids: set[str] = set()
         self._axes: tuple[str, ...] | None = None
         check_target(self._folder / "recordings.parquet")
-        self._update(axes, whose)
+        self.update(axes, whose)
 
     def append(self, dataset: Dataset) -> Appended:
         """Add recordings, as `granular_id.archive.append` does."""
-        self._update(dataset.axes, "dataset")
+        self.update(dataset.axes)
         fresh: dict[str, _Row] = {}
         for recording in dataset:
             row = _Row.of(recording)
@@ -167,7 +167,7 @@ class Appender:
         self._ids |= fresh.keys()
         return Appended(n_added, len(dataset) - n_added)
 
-    def _update(self, axes: Sequence[str] | None, whose: str) -> None:
+    def update(self, axes: Sequence[str] | None, whose: str = "dataset") -> None:
         """Read the index files that are new, and refuse other axes."""
         keys = index_keys(self._folder)
         if not self._read <= set(keys):  # another archive in its place
