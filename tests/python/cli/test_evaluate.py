@@ -127,3 +127,5 @@ def test_held_out_values_are_printed_and_written(tools, tmp_path):
     result = written(tmp_path / "r.json")
     assert [fold["held_out"] for fold in result["folds"]] == ["wide", "thin", "long"]
     assert len(result["spaces"]["hfmh"]["at_random"]) == 19
+    out = ended_well("train", tools, "-o", tmp_path / "m", "--hold-out", "tool", "--space", "hfmh")
+    assert out.startswith("accuracy, another tool: ")

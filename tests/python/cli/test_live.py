@@ -4,6 +4,7 @@ import json
 import re
 import shlex
 import signal
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -212,6 +213,21 @@ def test_live_refuses_what_does_nothing_or_harm(live, words, said):
     assert said in line
 
 
+def test_options_of_a_push_reach_the_identifier(live, monkeypatch):
+    given = {}
+
+    def identifier(*_, **more):
+        given.update(more)
+        raise gid.GranularIdError("seen")
+
+    monkeypatch.setattr("granular_id.live.LiveIdentifier", identifier)
+    words = "--max-gap 3 --pre-s 0.2 --max-force-n 9 --max-torque-n-m 2 --timeout-s 5 --speed-m-s 0.02"
+    assert refused(*live, *words.split(), "--direction", "0,1,0", "--accept", "frame") == "error: seen"
+    wanted = {"max_gap": 3, "pre_s": 0.2, "max_force_n": 9, "max_torque_n_m": 2, "timeout_s": 5}
+    wanted |= {"speed_m_s": 0.02, "direction": (0, 1, 0), "accept": ["frame"], "early": False}
+    assert wanted.items() <= given.items()
+
+
 def test_extra_of_a_source_is_named(model):
     done = run("live", "--source", "ur://1.2.3.4", "--model", model)
     assert done.exit_code == 1
@@ -302,16 +318,26 @@ def test_live_keeps_each_push_with_its_answer(live, model, tmp_path):
     assert all(one["label"] in line for line, one in zip(again.splitlines(), said, strict=True))
 
 
-def test_push_that_cannot_be_kept_is_answered_and_told(live, tmp_path, monkeypatch):
+@pytest.mark.parametrize("option", ["--archive", "--json"])
+def test_push_on_a_full_disk_is_answered(live, tmp_path, monkeypatch, option):
     def full(*_):
         raise OSError(28, "No space left on device", "seen")
 
     monkeypatch.setattr("granular_id.io.parquet.writing.Appender.append", full)
-    ended = run(*live, "--n", 2, "--quiet", "--archive", tmp_path / "seen")
+    monkeypatch.setattr("granular_id._files.whole_lines", lambda _: nullcontext(full))
+    ended = run(*live, "--n", 2, "--quiet", option, tmp_path / "seen")
     assert ended.exit_code == 2
     assert ended.stdout.count("final: margin") == 1
-    assert "kept 0 recordings" in ended.stdout
+    assert ("kept 0 recordings" in ended.stdout, "wrote" in ended.stdout) == (option == "--archive", False)
     assert ended.stderr == "error: seen: no space left on device\n"
+
+
+def test_record_appends_to_an_archive(pushes, tmp_path):
+    ended_well("archive", "add", tmp_path / "fleet", pushes)
+    words = ("--source", SIM, "--label", "rice", "--n", 2, "--duration-s", 1)
+    ended_well("record", *words, "-o", tmp_path / "fleet")
+    assert len(gid.load(tmp_path / "fleet")) == 14
+    assert {path.suffix for path in tmp_path.rglob("*") if path.is_file()} == {".parquet"}
 
 
 def test_session_without_a_push_leaves_no_empty_folder(live, tmp_path):

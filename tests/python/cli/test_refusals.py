@@ -1,6 +1,7 @@
 """What the command line refuses: in a few words that name the option or file, with exit code 2 and nothing written."""
 
 import shlex
+import warnings
 
 import pytest
 
@@ -176,6 +177,12 @@ def test_group_without_a_command_prints_its_help(typed):
 def test_refusal_begins_with_the_option_of_its_argument(folder, monkeypatch, error, said):
     monkeypatch.setattr("granular_id.io.load", lambda *_, **__: (_ for _ in ()).throw(error))
     assert refused("evaluate", folder) == f"error: {said}"
+
+
+@pytest.mark.filterwarnings("default")
+def test_warning_of_the_library_is_one_line(folder, monkeypatch):
+    monkeypatch.setattr("granular_id.io.load", lambda *_, **__: warnings.warn("of 1 N", stacklevel=1))
+    assert run("evaluate", folder).stderr.startswith("warning: of 1 N\n")
 
 
 @pytest.mark.parametrize("bug", [ZeroDivisionError, ValueError("foreign"), TypeError("foreign")])
