@@ -43,7 +43,7 @@ _SCHEMA = pa.schema(
     | {"warnings": pa.list_(pa.string()), "trained_on": pa.bool_()}
 )
 COLUMNS = tuple(_SCHEMA.names)
-"""What is said of a recording; null where it has no answer."""
+"""Columns about a recording; null where it has no answer."""
 
 
 def identify(
@@ -165,7 +165,7 @@ def _model(path: str, sha256: str) -> Identifier:
 
 
 def _rows(model: Identifier, archive: Archive, group: RowGroup, buffer: FloatArray) -> list[dict[str, Any]]:
-    """Return what is said of each recording of a row group; nothing where it has no answer."""
+    """Return the columns of each recording of a row group; nothing where it has no answer."""
     index = archive.index.slice(group.start, group.stop - group.start)
     starts, lengths, n = _starts(model, index), integers(index, "n_samples"), model.n_samples
     rows: list[dict[str, Any]] = [{} for _ in starts]
@@ -197,12 +197,12 @@ class Answers(Outputs):
     folder : path
         The `out` of `identify`.
     partial : bool, default False
-        Take what there is of answers that were stopped, or of which partitions failed; refused unless asked for.
+        Take what there is of answers that were stopped, or of which partitions failed; refused by default.
 
     Attributes
     ----------
     spec : dict
-        What was asked: the digest of the model, where recordings begin, and the version of this package.
+        What decides the answers: the digest of the model, where recordings begin, and the version of this package.
     n_recordings, n_synthetic : int
         Recordings, and how many of them were simulated.
     extraction : Extraction or None

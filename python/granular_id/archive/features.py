@@ -233,7 +233,7 @@ class Features(Outputs):
     folder : path
         The `out` of `extract`.
     partial : bool, default False
-        Take what there is of an extraction that was stopped, or of which partitions failed; refused unless asked for.
+        Take what there is of an extraction that was stopped, or of which partitions failed; refused by default.
 
     Attributes
     ----------

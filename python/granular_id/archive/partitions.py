@@ -113,10 +113,10 @@ def process_partition(partition: Partition, spec: Spec) -> Any:
     about = rows.select(ABOUT.names).cast(ABOUT)
     own = spec.table(archive, groups)
     place = [*archive.written, partition.row_groups[0]]
-    # As plain texts: the dictionary of the column holds what is said of all recordings in the file.
+    # As plain texts: the dictionary of the column holds the texts of all recordings in the file.
     n_synthetic = archive.count_synthetic(rows["meta"].cast(pa.large_string()))
-    said = {"spec": _described(spec), "place": place, "n_synthetic": n_synthetic}
-    schema = pa.schema([*about.schema, *own.schema], metadata={MARK: json.dumps(said, sort_keys=True)})
+    described = {"spec": _described(spec), "place": place, "n_synthetic": n_synthetic}
+    schema = pa.schema([*about.schema, *own.schema], metadata={MARK: json.dumps(described, sort_keys=True)})
     return pa.Table.from_arrays([*about.columns, *own.columns], schema=schema)
 
 
@@ -128,13 +128,13 @@ def _opened(folder: str, key: str) -> Archive:
 
 def _described(spec: Spec) -> dict[str, Any]:
     """Return everything beside the recordings that decides what is written, as JSON would be read."""
-    said = {**spec.describe(), "granular_id": _core.__version__}
-    plain: dict[str, Any] = json.loads(json.dumps(said, ensure_ascii=False, allow_nan=False))
+    described = {**spec.describe(), "granular_id": _core.__version__}
+    plain: dict[str, Any] = json.loads(json.dumps(described, ensure_ascii=False, allow_nan=False))
     return plain
 
 
 def make_file(partition: Partition, spec: Spec, out: str) -> str:
-    """Make the file of a partition, unless it is there; return what kept it from being computed, or nothing.
+    """Make the file of a partition, unless it is there; return why it could not be computed, or nothing.
 
     An OSError where it cannot be written.
     """
@@ -196,11 +196,11 @@ class Extraction:
 
     def __str__(self) -> str:
         marked = "SYNTHETIC recordings" if self.synthetic else "recordings"
-        said = [f"{self.n_recordings} {marked} in {counted(self.n_partitions, 'partition')}"]
-        said += [f"{self.n_resumed} of them there before"] if self.n_resumed else []
-        said += [f"{self.recordings_per_s:.0f} recordings/s"] if self.recordings_per_s else []
-        said += [f"{counted(len(self.failures), 'partition')} FAILED"] if self.failures else []
-        return f"{self.out}: {'; '.join(said)}"
+        parts = [f"{self.n_recordings} {marked} in {counted(self.n_partitions, 'partition')}"]
+        parts += [f"{self.n_resumed} of them there before"] if self.n_resumed else []
+        parts += [f"{self.recordings_per_s:.0f} recordings/s"] if self.recordings_per_s else []
+        parts += [f"{counted(len(self.failures), 'partition')} FAILED"] if self.failures else []
+        return f"{self.out}: {'; '.join(parts)}"
 
 
 class PartitionError(GranularIdError):

@@ -42,7 +42,7 @@ def check_scheduler(scheduler: Any) -> None:
 def work_through(
     make: Make, partitions: Mapping[str, Any], done: Done, *, n_jobs: int | None, scheduler: Any
 ) -> None:
-    """Call `make` with each partition, and `done` with its name and what kept it from being made, or nothing."""
+    """Call `make` with each partition, and `done` with its name and why it could not be made, or nothing."""
     if not partitions:
         return
     if scheduler is None:

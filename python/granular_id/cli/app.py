@@ -38,7 +38,7 @@ _OTHER_NAMES = {"by": "--hold-out", "n_jobs": "--jobs", "random_state": "--seed"
 
 
 class Commands(TyperGroup):
-    """All commands: wrong usage is said in one message, as their refusals are."""
+    """All commands: wrong usage ends in one message, as their refusals do."""
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run a command, and leave the process with its code."""
@@ -55,8 +55,10 @@ class Commands(TyperGroup):
             if type(error).__name__ != "NoArgsIsHelpError":  # the help was printed
                 context = getattr(error, "ctx", None)
                 help_ = f"; see {context.command_path} --help" if context is not None else ""
-                said = " ".join(str(format_message()).split()).removesuffix(".").replace("Value error, ", "")
-                show(f"error: {said[:1].lower()}{said[1:]}{help_}", "bold red", err=True)
+                message = (
+                    " ".join(str(format_message()).split()).removesuffix(".").replace("Value error, ", "")
+                )
+                show(f"error: {message[:1].lower()}{message[1:]}{help_}", "bold red", err=True)
             sys.exit(getattr(error, "exit_code", BAD_INPUT))
         sys.exit(code if isinstance(code, int) else 0)
 
@@ -77,8 +79,8 @@ class Command(TyperCommand):
             # An ImportError with a name is a broken installation, not one of ours that says what to install.
             if isinstance(error, ImportError) and error.name is not None:
                 raise
-            said = _words_of(error, {name for one in self.params for name in one.opts})
-            show(f"error: {with_way_out(error, said)}", "bold red", err=True)
+            message = _words_of(error, {name for one in self.params for name in one.opts})
+            show(f"error: {with_way_out(error, message)}", "bold red", err=True)
             raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None
         finally:
             warnings.showwarning, sys.unraisablehook = before

@@ -173,9 +173,9 @@ def _facts(archive: Archive) -> Iterator[str]:
     yield f"axes: {' '.join(archive.axes)}"
     rates, lengths = index["rate_hz"].to_numpy(), index["n_samples"].to_numpy()
     uneven = np.isnan(rates)
-    said = [f"{_span(rates[~uneven])} Hz"] * (not uneven.all())
-    said += [f"{counted(int(uneven.sum()))} irregular in time"] * bool(uneven.any())
-    yield f"rate: {', '.join(said)}"
+    parts = [f"{_span(rates[~uneven])} Hz"] * (not uneven.all())
+    parts += [f"{counted(int(uneven.sum()))} irregular in time"] * bool(uneven.any())
+    yield f"rate: {', '.join(parts)}"
     seconds = "" if uneven.all() else f", {_span((lengths / rates)[~uneven])} s"
     yield f"length: {_span(lengths)} samples{seconds}"
     begun = pc.min_max(index["start_time"]).as_py()

@@ -135,20 +135,22 @@ def convert(
         time_unit=time_unit,
         on_error=on_error,
     )
-    said = partial(say_step, rest=history_of(output, {}))
+    reported = partial(say_step, rest=history_of(output, {}))
     if split_gap_s is not None:
-        data = said(data.split(split_gap_s))
+        data = reported(data.split(split_gap_s))
     for made in setup(data):
-        data = said(made)
+        data = reported(made)
     if resample_hz is not None and any(recording.rate_hz != resample_hz for recording in data):
         limit = None if math.isinf(max_gap_s) else max_gap_s
-        data = said(data.resample(resample_hz, max_gap_s=limit, on_gap=on_error))
+        data = reported(data.resample(resample_hz, max_gap_s=limit, on_gap=on_error))
     if begin_at == "onset" or tare_s is not None or duration_s is not None or window_s is not None:
         refuse_uneven(data)
     if begin_at == "onset":
-        data = said(data.find_onsets(replace=True))
+        data = reported(data.find_onsets(replace=True))
     if tare_s is not None:
-        data = said((_with_rest(data, tare_s, said) if on_error == "skip" else data).tare(lead_s=tare_s))
+        data = reported(
+            (_with_rest(data, tare_s, reported) if on_error == "skip" else data).tare(lead_s=tare_s)
+        )
     if duration_s is not None:
         cropped = data.align(
             None if seconds else "shortest",
@@ -157,9 +159,9 @@ def convert(
             lead_s=lead_s,
             on_short=on_error,
         )
-        data = said(cropped)
+        data = reported(cropped)
     if window_s is not None:
-        data = said(data.windows(window_s, on_short=on_error))
+        data = reported(data.windows(window_s, on_short=on_error))
     _save_checked(data, output)
 
 
@@ -177,7 +179,7 @@ def _refuse_alone(
             f"--begin-at {begin_at} crops recordings: add --duration-s (seconds, or shortest)"
         )
     if lead_s and begin_at == "first":
-        raise GranularIdError("--lead-s is time kept ahead of a trigger: add --begin-at trigger or onset")
+        raise GranularIdError("--lead-s is time ahead of a trigger: add --begin-at trigger or onset")
     if resample_hz is None and max_gap_s != MAX_GAP_S:
         raise GranularIdError("--max-gap-s is about gaps that resampling fills: add --resample-hz")
 
@@ -234,15 +236,15 @@ def _rotation(text: str) -> FloatArray | list[float]:
     return matrix
 
 
-def _with_rest(data: Dataset, rest_s: float, said: Callable[[Dataset], Dataset]) -> Dataset:
+def _with_rest(data: Dataset, rest_s: float, reported: Callable[[Dataset], Dataset]) -> Dataset:
     """Leave out recordings whose rest is too short, or ends nobody knows where."""
     enough = round(rest_s * data.rate_hz)
-    kept = [i for i, one in enumerate(data) if (one.trigger_index or 0) >= enough]
-    if not kept:
+    rested = [i for i, one in enumerate(data) if (one.trigger_index or 0) >= enough]
+    if not rested:
         raise GranularIdError(
             f"none of {counted(len(data))} has {rest_s:g} s of rest before its motion (--tare-s)"
         )
-    return data if len(kept) == len(data) else said(data[kept])
+    return data if len(rested) == len(data) else reported(data[rested])
 
 
 # Writing.

@@ -73,5 +73,5 @@ def _name_live(data: Dataset, seed: int) -> None:
     model = Identifier.fit(data, estimate=False)
     source = SimSource("unknown", seed=seed, speed=LIVE_SPEED)
     for number, decision in enumerate(identify(source, model, n=LIVE_PUSHES, pre_s=0.15), start=1):
-        verdict = "right" if decision.label == source.truth else f"wrong: it was {source.truth}"
-        show(f"push {number}: {decision.label}, by a margin of {decision.margin:.2f} ({verdict})")
+        result = "right" if decision.label == source.truth else f"wrong: it was {source.truth}"
+        show(f"push {number}: {decision.label}, by a margin of {decision.margin:.2f} ({result})")

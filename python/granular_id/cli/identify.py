@@ -67,7 +67,7 @@ def identify(
     trigger, less the rest ahead of it, or at their first sample. With `--hop-s` they are answered to their end.
 
     Another frame or sign than in the training is refused unless `--accept` names it; another sensor, filter, tool,
-    trigger or speed is said.
+    trigger or speed is a warning.
 
     With -o PATH is an archive of any size, each recording is answered exactly once, and the same command goes on after
     a Ctrl-C or a crash: see `granular-id extract`.

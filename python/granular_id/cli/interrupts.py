@@ -1,4 +1,4 @@
-"""Signals that end a command: never lost, the robot stopped, and said."""
+"""Signals that end a command: never lost, the robot is stopped, and the signal named."""
 
 from __future__ import annotations
 

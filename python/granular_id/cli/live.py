@@ -185,7 +185,7 @@ def _answer(
         for push in identifying.pushes(n):
             if quiet:
                 show(str(push))
-            keep(push)  # said before: the disk may be full
+            keep(push)  # printed before: the disk may be full
     except CaptureError as error:
         raise GranularIdError(str(error)) from error
     except (KeyboardInterrupt, SystemExit):  # how a session without --n ends: with its summary
@@ -265,7 +265,7 @@ def _keeping(
     from granular_id._files import whole_lines
     from granular_id.recording import Dataset
 
-    n_kept = n_answers = 0
+    n_appended = n_answers = 0
     with ExitStack() as stack:
         appender = None
         if archive is not None:
@@ -276,18 +276,18 @@ def _keeping(
         answer = None if json is None else stack.enter_context(whole_lines(json))
 
         def keep(push: Push) -> None:
-            nonlocal n_kept, n_answers
+            nonlocal n_appended, n_answers
             if answer is not None:
                 answer(json_format.dumps({"format": "granular_id.live/1"} | push.to_dict() | about))
                 n_answers += 1
             if appender is not None and push.recording is not None:
                 appender.append(Dataset([push.recording]))
-                n_kept += 1
+                n_appended += 1
 
         try:
             yield keep
         finally:
             if archive is not None:
-                show(f"kept {counted(n_kept)} in {archive}")
+                show(f"kept {counted(n_appended)} in {archive}")
             if json is not None and n_answers:
                 show(f"wrote {json}, {counted(n_answers, 'answer')}")

@@ -64,7 +64,7 @@ def record(
     """Record pushes through materials, into files or an archive, with label, session, sensor and time.
 
     A recording is accepted only if it is whole: rest before the motion, every sample, no saturation, the
-    right rate. What was refused is said, and recorded again. Works without any hardware, with a simulated
+    right rate. What was refused is printed, and recorded again. Works without any hardware, with a simulated
     sensor and robot; such recordings are marked as SYNTHETIC.
 
     Examples:
@@ -116,11 +116,11 @@ def record(
                         changed = (k == 0 and name != labels[0]) or (k > 0 and setup.robot is not None)
                         if changed and not sensor.info.synthetic:
                             _wait_for(title, recorder)
-                        refused, said = _recorded(recorder, name, title)
+                        refused, line = _recorded(recorder, name, title)
                         if k == 0:
                             _check_truth(name, recorder, stream.info.name)
                         n_refused += refused
-                        show(said)
+                        show(line)
     synthetic = "SYNTHETIC " if any(sensor.info.synthetic for sensor, _ in places) else ""
     again = f"; {n_refused} refused and recorded again" if n_refused else ""
     wrote = f"{counted(n * len(labels), f'{synthetic}recording')} of {counted(len(labels), 'material')}"
@@ -186,11 +186,11 @@ def _check_truth(label: str, recorder: Recorder, source: str) -> None:
 
 def _prompt(text: str) -> Callable[[Step, Capture], None]:
     """Return what says when a push may begin; otherwise nothing is seen of a recorder that waits."""
-    said: list[Capture] = []
+    announced: list[Capture] = []
 
     def say(_: Step, capture: Capture) -> None:
-        if capture.state.value == "armed" and capture not in said:
-            said[:] = [capture]
+        if capture.state.value == "armed" and capture not in announced:
+            announced[:] = [capture]
             show(text, "bold")
 
     return say
@@ -215,9 +215,9 @@ def _wait_for(title: str, recorder: Recorder) -> None:
     """Give a person time to change the material, and to bring an arm back to where its push begins."""
     if sys.stdin.isatty():
         _forget_typed()
-        asked = f"{title}: press Enter when material and tool are in place"
+        question = f"{title}: press Enter when material and tool are in place"
         try:
-            typer.prompt(asked, default="", show_default=False)
+            typer.prompt(question, default="", show_default=False)
         except typer.Abort:  # what a prompt makes of Ctrl-C
             raise KeyboardInterrupt from None
         recorder.resume()  # somebody says that the tool is in place

@@ -71,8 +71,8 @@ def _tell(error: Any, path: Path, options: dict[str, Any]) -> None:
         error.args = (f"{error}{''.join(error.parts[-2:])}",)
 
 
-def with_way_out(error: Exception, said: str) -> str:
-    """Return what is said of an error, and below it the commands that prepare recordings so, the best first.
+def with_way_out(error: Exception, message: str) -> str:
+    """Return the message of an error, and below it the commands that prepare recordings so, the best first.
 
     Lines of Python become one of them where they need nothing that only the user knows.
     """
@@ -83,7 +83,7 @@ def with_way_out(error: Exception, said: str) -> str:
     if (
         path is None or "on_error" in given or not isinstance(error, WayOutError)
     ):  # then converting was refused
-        return said
+        return message
     known = [way for way in error.ways if not is_unknown(way)]
     options = [way for way in known if PYTHON_ONLY not in way]
     commands = []
@@ -100,10 +100,10 @@ def with_way_out(error: Exception, said: str) -> str:
             )
     for part in error.parts:
         if isinstance(part, WayOut) and part.code and RATE not in part.code:
-            said = said.replace(printable(part), "")
+            message = message.replace(printable(part), "")
             where = f"where {part.why}:\n" * bool(part.why)
             commands.append(where + _python(part.code, path))
-    return said + ":\n" * bool(commands) + "\nor:\n".join(commands)
+    return message + ":\n" * bool(commands) + "\nor:\n".join(commands)
 
 
 def _python(code: str, path: Path) -> str:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sklearn.pipeline import Pipeline
 
 _FIRST = ("SYNTHETIC", "materials", "background", "takes")
-"""What is said of a model before how well it did."""
+"""Lines about a model that stand before how well it did."""
 
 
 def train(

@@ -143,16 +143,16 @@ def test_setup_that_differs_is_warned_of_once(model, tmp_path):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         answered(model, pushes(11, meta={"sensor": "Nano17"}), tmp_path)
-    said = "another set-up than in the training: sensor 'Nano17', in training 'Mini45'"
-    assert [str(one.message) for one in caught] == [said]
+    message = "another set-up than in the training: sensor 'Nano17', in training 'Mini45'"
+    assert [str(one.message) for one in caught] == [message]
     assert caught[0].filename == answered.__code__.co_filename
 
 
 def test_setup_of_an_archive_knows_its_steps(model, tmp_path):
     append(tmp_path, Dataset(pushes(6).recordings, (StepReport(ONSET_STEP),)))
-    said = ("trigger 'onset', in training 'motion'",)
-    assert model.requirements.check(load(tmp_path)) == said
-    assert model.requirements.check(one_of_each(Archive(tmp_path), 500.0)) == said
+    message = ("trigger 'onset', in training 'motion'",)
+    assert model.requirements.check(load(tmp_path)) == message
+    assert model.requirements.check(one_of_each(Archive(tmp_path), 500.0)) == message
 
 
 def test_answers_are_the_same_in_partitions_of_any_size(model, trained, tmp_path, monkeypatch):
@@ -216,11 +216,11 @@ def test_summary_counts_as_a_batch_does(model, trained, tmp_path):
         assert rightly == f"{100 * np.mean(of_it):.1f} %"
     assert table.notes[: len(batch.table().notes)] == batch.table().notes
     unknown, several = sum(one["unknown"] for one in each), sum(len(one["candidates"]) > 1 for one in each)
-    for said in (
+    for message in (
         f"{unknown} of 24 answers like no known",
         f"{several} of 24 answers with several candidates",
     ):
-        assert any(note.startswith(said) for note in table.notes)
+        assert any(note.startswith(message) for note in table.notes)
     assert "1 recording with flagged samples: see the column warnings" in table.notes
 
 

@@ -195,10 +195,10 @@ def test_appender_knows_what_others_append_meanwhile(tmp_path):
 def test_append_of_other_axes_is_refused(tmp_path):
     append(tmp_path, Dataset(PUSHES))
     other = Dataset([Recording(np.ones((3, 2)), rate_hz=5, axes=("wx", "ax"))])
-    said = r"has the axes wx ax, and the archive .* fx fy fz tx ty tz; add it"
-    with pytest.raises(ValueError, match=f"^dataset {said}"):
+    message = r"has the axes wx ax, and the archive .* fx fy fz tx ty tz; add it"
+    with pytest.raises(ValueError, match=f"^dataset {message}"):
         append(tmp_path, other)
-    with pytest.raises(ValueError, match=f"^the sensor {said}"):
+    with pytest.raises(ValueError, match=f"^the sensor {message}"):
         Appender(tmp_path, other.axes, "the sensor")
 
 

@@ -102,7 +102,7 @@ SLOW = replace(some_recordings(1, rate_hz=250)[0], name="slow")
 
 
 @pytest.mark.parametrize(
-    ("data", "space", "said"),
+    ("data", "space", "message"),
     [
         (some_recordings(2), "spectral", "space='spectral' is none of 'hfmh', 'raw"),
         (some_recordings(2), "multiband", "for what a space learns from recordings, train a model"),
@@ -125,14 +125,14 @@ SLOW = replace(some_recordings(1, rate_hz=250)[0], name="slow")
     ],
     ids=["unknown", "learns", "lengths", "rates", "one irregular", "all irregular"],
 )
-def test_space_that_does_not_suit_is_refused(tmp_path, out, data, space, said):
-    with pytest.raises(gid.GranularIdError, match=said):
+def test_space_that_does_not_suit_is_refused(tmp_path, out, data, space, message):
+    with pytest.raises(gid.GranularIdError, match=message):
         extract(some_archive(tmp_path / "a", data), out, space, progress=False)
     assert not out.exists()
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "message"),
     [
         (some_recordings(4, 70), "'push 0' has 70 samples, the hfmh features of the model want 60"),
         (some_recordings(4, rate_hz=250), "'push 0' has 250 Hz, the model was trained at 500 Hz"),
@@ -143,9 +143,9 @@ def test_space_that_does_not_suit_is_refused(tmp_path, out, data, space, said):
     ],
     ids=["lengths", "rates", "axes"],
 )
-def test_model_of_other_recordings_is_refused(tmp_path, out, data, said):
+def test_model_of_other_recordings_is_refused(tmp_path, out, data, message):
     model = gid.Identifier.fit(some_recordings(), "hfmh", estimate=False)
-    with pytest.raises(gid.GranularIdError, match=said):
+    with pytest.raises(gid.GranularIdError, match=message):
         extract(some_archive(tmp_path / "a", data), out, model=model, progress=False)
     with pytest.raises(gid.GranularIdError, match="space is that of the model: give one of both"):
         extract(tmp_path / "a", out, "raw", model=model, progress=False)

@@ -48,10 +48,10 @@ def places(report):
 
 @pytest.mark.parametrize("n_jobs", [None, 2])
 def test_check_of_a_sound_archive_finds_nothing(folder, n_jobs):
-    told = []
-    report = check(folder, n_jobs=n_jobs, progress=lambda *step: told.append(step[:2]))
+    steps = []
+    report = check(folder, n_jobs=n_jobs, progress=lambda *step: steps.append(step[:2]))
     assert (report.ok, report.n_recordings, report.problems, report.leftovers) == (True, 8, (), ())
-    assert told == [(i, 5) for i in range(1, 6)]
+    assert steps == [(i, 5) for i in range(1, 6)]
     assert str(report) == f"{folder}: 8 recordings, no problems"
     assert report == checked(Archive(folder))
 
@@ -79,7 +79,7 @@ WRONG_SAMPLES = np.array([1.0] * 12 + [np.nan] + [1.0] * 12)
 
 
 @pytest.mark.parametrize(
-    ("of_index", "column", "values", "row_group", "said"),
+    ("of_index", "column", "values", "row_group", "message"),
     [
         (
             False,
@@ -93,12 +93,12 @@ WRONG_SAMPLES = np.array([1.0] * 12 + [np.nan] + [1.0] * 12)
     ],
     ids=["digests", "nan", "counts"],
 )
-def test_check_finds_values_that_differ(folder, part, of_index, column, values, row_group, said):
+def test_check_finds_values_that_differ(folder, part, of_index, column, values, row_group, message):
     index = folder / f"recordings-{part.stem[5:]}.parquet"
     changed = with_column(column, pa.array(values))
     rewrite(index, changed) if of_index else rewrite(part, changed, row_group_size=10)
     problem = next(one for one in checked(folder).problems if one.place == f"row group {row_group}")
-    with pytest.raises(RecordingFileError, match=said.format(index=index.name)):
+    with pytest.raises(RecordingFileError, match=message.format(index=index.name)):
         raise problem
 
 

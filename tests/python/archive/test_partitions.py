@@ -82,10 +82,10 @@ def test_partition_is_a_pure_function(archive, tmp_path):
 
 @pytest.mark.parametrize("n_jobs", [1, 2])
 def test_run_writes_every_recording_once(archive, out, tmp_path, n_jobs):
-    told = []
-    report = done(archive, out, n_jobs=n_jobs, progress=lambda *step: told.append(step))
+    steps = []
+    report = done(archive, out, n_jobs=n_jobs, progress=lambda *step: steps.append(step))
     assert (report.n_recordings, report.n_partitions, report.n_resumed) == (24, 6, 0)
-    assert [step[:2] for step in told] == [(4 * i, 24) for i in range(1, 7)]
+    assert [step[:2] for step in steps] == [(4 * i, 24) for i in range(1, 7)]
     assert str(report).startswith(f"{out}: 24 recordings in 6 partitions; ")
     index, table = Archive(archive).index, OfSums(out).joined("name", "label", "digest")
     assert all(table[name].to_pylist() == index[name].to_pylist() for name in table.column_names)
@@ -165,8 +165,8 @@ def test_run_removes_drafts_only_of_dead_writers(archive, out, age_s):
 def test_run_into_other_work_is_refused(archive, out, tmp_path):
     done(archive, out)
     before, seen = files_in(out), []
-    said = r"holds other work already: sums 'sums' there, 'others' wanted; name"
-    with pytest.raises(ValueError, match=said):
+    message = r"holds other work already: sums 'sums' there, 'others' wanted; name"
+    with pytest.raises(ValueError, match=message):
         done(archive, out, Sums("others", before=seen.append))
     with pytest.raises(ValueError, match=r"holds recordings that .*other does not have"):
         done(some_archive(tmp_path / "other", some_recordings(seed=1)), out)
@@ -177,7 +177,7 @@ def test_run_into_other_work_is_refused(archive, out, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"n_jobs": 0}, "n_jobs"),
         ({"progress": 3}, "progress must be"),
@@ -185,8 +185,8 @@ def test_run_into_other_work_is_refused(archive, out, tmp_path):
         ({"scheduler": "host"}, "scheduler='host' is no address such as tcp://host:8786"),
     ],
 )
-def test_run_checks_its_options_first(archive, out, options, said):
-    with pytest.raises((ValueError, TypeError), match=said):
+def test_run_checks_its_options_first(archive, out, options, message):
+    with pytest.raises((ValueError, TypeError), match=message):
         done(archive, out, **options)
     assert not out.exists()
 
@@ -206,8 +206,8 @@ def test_partitions_that_fail_are_named(archive, out):
         if group.row_group >= 4:
             raise ZeroDivisionError("no wrench\nat all")
 
-    said = r"4 partitions failed, .*row group 4 to 5: no wrench\\nat all; .*; and 1 more"
-    with pytest.raises(PartitionError, match=said) as caught:
+    message = r"4 partitions failed, .*row group 4 to 5: no wrench\\nat all; .*; and 1 more"
+    with pytest.raises(PartitionError, match=message) as caught:
         done(archive, out, Sums(before=fail))
     report = caught.value.extraction
     assert (report.n_partitions, report.n_recordings, len(report.failures)) == (2, 8, 4)
@@ -229,8 +229,8 @@ def test_ctrl_c_leaves_whole_partitions_that_are_unfinished(archive, out):
 
 def test_outputs_of_something_else_are_refused(archive, out, tmp_path):
     done(archive, out)
-    for folder, said in ((tmp_path / "no", "no such folder"), (archive, "the sums are not finished")):
-        with pytest.raises(FileNotFoundError, match=said):
+    for folder, message in ((tmp_path / "no", "no such folder"), (archive, "the sums are not finished")):
+        with pytest.raises(FileNotFoundError, match=message):
             OfSums(folder)
     with pytest.raises(ValueError, match="holds no sizes, but granular_id, sums"):
         type("OfSizes", (Outputs,), {"holds": "sizes"})(out)

@@ -1,4 +1,4 @@
-"""Threads and Dask clusters: each partition is worked on, in the way that was asked for; what stops all."""
+"""Threads and Dask clusters: each partition is worked on, in the way of the caller; what stops all."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ def client():
 MADE_BY = []
 
 
-def make_as_told(partition):
+def make_by_last(partition):
     """What tests put into `MADE_BY`: a function within a test would travel to workers as a copy."""
     return MADE_BY[-1](partition)
 
 
 def on_cluster(make, done, scheduler, some=EIGHT):
     MADE_BY.append(make)
-    work_through(make_as_told, some, done, n_jobs=None, scheduler=scheduler)
+    work_through(make_by_last, some, done, n_jobs=None, scheduler=scheduler)
 
 
 @pytest.fixture(params=["threads", "cluster"])
 def work(request):
-    """Each with two threads, as a function of what makes a file and what is told of it."""
+    """Each with two threads, as a function of what makes a file and what is reported of it."""
     if request.param == "threads":
         return lambda make, done, some=EIGHT: work_through(make, some, done, n_jobs=2, scheduler=None)
     client = request.getfixturevalue("client")
@@ -52,9 +52,9 @@ def work(request):
 
 
 def test_workers_report_every_partition_once(work):
-    told = []
-    work(str, lambda *said: told.append(said))
-    assert sorted(told) == [(name, str(number)) for name, number in EIGHT.items()]
+    reports = []
+    work(str, lambda *report: reports.append(report))
+    assert sorted(reports) == [(name, str(number)) for name, number in EIGHT.items()]
 
 
 def test_workers_make_two_partitions_at_a_time(work):
@@ -68,10 +68,10 @@ def test_workers_that_raise_stop_all(work, error):
     def make(*_):
         raise error
 
-    told = []
+    reports = []
     with pytest.raises(type(error), match=str(error.args[-1])):
-        work(make, lambda *said: told.append(said))
-    assert told == []
+        work(make, lambda *report: reports.append(report))
+    assert reports == []
 
 
 def test_workers_after_an_interrupt_begin_nothing_more(work):

@@ -1,4 +1,4 @@
-"""A session whose robot notes what it is told, in a process of its own, to be ended by a signal.
+"""A session whose robot notes its calls, in a process of its own, to be ended by a signal.
 
 Usage: signals_work.py DESCRIPTOR HOW FOLDER | WORDS OF A COMMAND
 """

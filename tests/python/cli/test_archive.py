@@ -88,14 +88,14 @@ def test_refused_before_anything_is_read(folder, archive, tmp_path):
     other = tmp_path / "photos"
     other.mkdir()
     (other / "a.jpg").write_bytes(b"x")
-    for words, said in [
+    for words, message in [
         ((tmp_path / "new", tmp_path / "absent"), "absent: no such file or folder"),
         ((other, folder), "holds 'a.jpg'; wanted an archive, or a new or empty folder"),
         ((archive, archive), "give the archive another place"),
         ((folder / "fleet", folder), "give the archive another place"),
         ((archive, archive / "samples"), "give the archive another place"),
     ]:
-        assert said in refused("archive", "add", *words)
+        assert message in refused("archive", "add", *words)
     assert not (tmp_path / "new").exists()
 
 
@@ -143,9 +143,9 @@ def test_what_is_whole_of_a_damaged_archive_is_rescued(damaged, tmp_path, pieces
     out = ended_well("archive", "add", tmp_path / "new", old, "--on-error", "skip")
     assert out.startswith("added 20 recordings")
     assert "2 files skipped:\n" in out
-    said = " ".join(out.split())
-    assert f" {index}: " in said
-    assert re.search(rf" {part}, row group 1: cannot be decoded: .*; its 5 recordings left out", said)
+    message = " ".join(out.split())
+    assert f" {index}: " in message
+    assert re.search(rf" {part}, row group 1: cannot be decoded: .*; its 5 recordings left out", message)
     assert sorted_by_name(gid.load(tmp_path / "new")) == sorted_by_name(whole)
 
 
@@ -188,9 +188,9 @@ def test_info_refuses_what_is_no_archive(folder, tmp_path):
     empty = tmp_path / "empty"
     empty.mkdir()
     for path in (folder, next(folder.rglob("*.csv")), empty):
-        said = f"{path} is no archive; granular-id archive add ARCHIVE {path} makes one of recordings"
+        message = f"{path} is no archive; granular-id archive add ARCHIVE {path} makes one of recordings"
         for words in (("archive", "info", path), ("archive", "check", path), ("extract", path, "-o", "out")):
-            assert refused(*words).endswith(said)
+            assert refused(*words).endswith(message)
 
 
 def test_check_ends_with_3_where_something_is_damaged(archive, tmp_path):
@@ -234,7 +234,7 @@ def half(folder, tmp_path, monkeypatch):
     return tmp_path / "half"
 
 
-def test_what_was_made_is_told_where_a_part_failed(half, model, tmp_path):
+def test_what_was_made_is_reported_where_a_part_failed(half, model, tmp_path):
     ended = run("extract", half, "-o", tmp_path / "features", "-q")
     assert ended.exit_code == 2
     assert "1 partition failed" in " ".join(ended.stderr.split())

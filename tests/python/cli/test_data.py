@@ -36,9 +36,9 @@ def test_info_prints_and_writes_what_is_there(folder, pushes, tmp_path):
     ):
         assert line in result.stdout
     assert "SYNTHETIC" not in result.stdout
-    told = written(tmp_path / "info.json")
-    assert told["summary"] == load(folder).summary().to_dict()
-    assert [step["step"] for step in told["history"]] == ["load"]
+    shown = written(tmp_path / "info.json")
+    assert shown["summary"] == load(folder).summary().to_dict()
+    assert [step["step"] for step in shown["history"]] == ["load"]
     assert "SYNTHETIC: 8 of 8 recordings" in ended_well("data", "info", pushes)
 
 
@@ -61,10 +61,10 @@ def test_check_names_each_unreadable_file_and_goes_on(tmp_path):
     assert result.exit_code == 3, result.output
     assert result.stdout.startswith("2 files cannot be read:\n")
     assert "28 recordings checked" in result.stdout
-    for name, said in zip(
+    for name, message in zip(
         ("oat_03.csv", "oat_05.csv"), written(tmp_path / "check.json")["unreadable"], strict=True
     ):
-        assert name in said
+        assert name in message
         assert name in result.stdout
     for path in source.rglob("*_*.csv"):
         path.write_text("nonsense\n", encoding="utf-8")
@@ -75,9 +75,9 @@ def test_check_says_where_set_ups_differ(pushes, tmp_path):
     data = load(pushes)
     save(Dataset([*data[:4], *data[4:].tare(lead_s=0.1)]), tmp_path / "half.npz")
     out = ended_well("data", "check", tmp_path / "half.npz", "--json", tmp_path / "c.json")
-    told = "recordings differ in their tare: 'rest', not stated"
-    assert told in " ".join(out.split())
-    assert told in written(tmp_path / "c.json")["setup"][0]
+    shown = "recordings differ in their tare: 'rest', not stated"
+    assert shown in " ".join(out.split())
+    assert shown in written(tmp_path / "c.json")["setup"][0]
 
 
 @pytest.mark.parametrize("what", ["recordings", "mean", "onset"])
@@ -268,7 +268,7 @@ def trained(pushes, tmp_path_factory):
 
 
 def lines_of(*words):
-    """Thing -> what is said of it."""
+    """Thing -> what is printed of it."""
     out = ended_well("setup", "show", *words)
     return dict(re.findall(r"^(\w+) {2,}(.*?) *$", out, re.M)), out
 
@@ -276,12 +276,12 @@ def lines_of(*words):
 def test_show_says_all_of_recordings_and_models(pushes, trained, tmp_path):
     data = load(pushes)
     tools = [replace(one, meta={"tool": "spoon" if k else "fork"}) for k, one in enumerate(data)]
-    told, _ = lines_of(save(Dataset(tools), tmp_path / "two.npz"))
-    assert (told["tool"], told["rate"], told["tare"]) == ("spoon (7), fork (1)", "500 Hz", "not stated")
-    assert len(told) == 17
-    told, out = lines_of(trained)
-    assert (told["frame"], told["tool"], told["sign"]) == ("flange", "cylinder", "not stated")
-    assert told["axes"] == "fx fy fz (N), tx ty tz (N m)"
+    shown, _ = lines_of(save(Dataset(tools), tmp_path / "two.npz"))
+    assert (shown["tool"], shown["rate"], shown["tare"]) == ("spoon (7), fork (1)", "500 Hz", "not stated")
+    assert len(shown) == 17
+    shown, out = lines_of(trained)
+    assert (shown["frame"], shown["tool"], shown["sign"]) == ("flange", "cylinder", "not stated")
+    assert shown["axes"] == "fx fy fz (N), tx ty tz (N m)"
     assert "model of 2 materials" in " ".join(out.split())
 
 
@@ -289,10 +289,10 @@ def test_show_says_all_of_recordings_and_models(pushes, trained, tmp_path):
 def test_show_says_what_follows(trained, pushes, tmp_path, swapped):
     meta = {"frame": "table", "tool": "cylinder", "tare": "rest"}
     now = save(Dataset([replace(one, meta=meta) for one in load(pushes)]), tmp_path / "now.npz")
-    told, out = lines_of(*((now, trained) if swapped else (trained, now)))
-    assert told["frame"].split() == ["refused", "flange", "table"]
-    assert told["tool"].split() == ["fine", "cylinder", "the", "same"]
-    assert told["tare"].split() == ["warning", "not", "stated", "rest"]
+    shown, out = lines_of(*((now, trained) if swapped else (trained, now)))
+    assert shown["frame"].split() == ["refused", "flange", "table"]
+    assert shown["tool"].split() == ["fine", "cylinder", "the", "same"]
+    assert shown["tare"].split() == ["warning", "not", "stated", "rest"]
     assert out.startswith("refused: frame\n")
     ran = run("identify", trained, now)
     assert ran.exit_code == 2
@@ -301,7 +301,7 @@ def test_show_says_what_follows(trained, pushes, tmp_path, swapped):
 
 def test_show_compares_rates_and_axes(trained, pushes, tmp_path):
     slower = load(pushes).resample(100).select(axes=["tx", "ty", "tz", "fx", "fy", "fz"])
-    told, out = lines_of(trained, save(slower, tmp_path / "slow.npz"))
-    assert told["rate"].startswith("refused")
-    assert told["axes"].startswith("refused")
+    shown, out = lines_of(trained, save(slower, tmp_path / "slow.npz"))
+    assert shown["rate"].startswith("refused")
+    assert shown["axes"].startswith("refused")
     assert "rate: data convert --resample-hz" in out

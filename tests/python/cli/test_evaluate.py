@@ -85,7 +85,7 @@ def test_finding_that_spoils_ends_with_3_unless_accepted(tmp_path):
     assert "accepted: leak-clock" in ended_well(*words, *accept)
 
 
-def test_copies_across_a_split_are_accepted_as_said(tmp_path):
+def test_copies_across_a_split_are_accepted_by_the_option(tmp_path):
     data = make()
     twin = replace(data[0], name="oat/twin.csv", start_time=2e9)
     copies = saved(Dataset([*data, twin]), tmp_path / "x")

@@ -53,7 +53,7 @@ def live(model):
     return ("live", "--source", "sim:rice?seed=4&speed=20", "--model", model)
 
 
-def test_label_that_the_source_contradicts_is_told(tmp_path):
+def test_label_that_the_source_contradicts_is_warned_of(tmp_path):
     words = ("--source", "sim:rice?seed=2&speed=20", "--duration-s", 1, "--n", 2)
     out = ended_well("record", *words, "--label", "salt", "-o", tmp_path / "x")
     assert out.count("recorded as 'salt', but simulated rice says that it was 'rice'") == 1
@@ -138,7 +138,7 @@ def interrupted(*words, after):
     return out
 
 
-def test_ctrl_c_ends_a_session_with_its_tally(live, heeding_interrupts):
+def test_ctrl_c_ends_a_session_with_its_summary(live, heeding_interrupts):
     out = interrupted(*live, "--quiet", after="final: margin")
     assert re.fullmatch(r"SYNTHETIC: \d+ answers, \d+ right .*", out.splitlines()[-1])
 
@@ -147,7 +147,7 @@ def test_ctrl_c_ends_a_session_with_its_tally(live, heeding_interrupts):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         ("--label ,", "--label must name at least one material"),
         ("--label rice,rice", "--label must name each material once, got 'rice,rice'"),
@@ -163,8 +163,8 @@ def test_ctrl_c_ends_a_session_with_its_tally(live, heeding_interrupts):
         ("--label rice --source replay:nowhere", "nowhere: no such file or folder"),
     ],
 )
-def test_record_refuses_what_cannot_be(tmp_path, words, said):
-    assert said in refused("record", "--source", SIM, *shlex.split(words), "-o", tmp_path / "x")
+def test_record_refuses_what_cannot_be(tmp_path, words, message):
+    assert message in refused("record", "--source", SIM, *shlex.split(words), "-o", tmp_path / "x")
     assert not list(tmp_path.iterdir())
 
 
@@ -183,23 +183,23 @@ class Real(ThreadedSource):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         ("--label rice,salt --n 1", "--label names 2 materials, somebody must change them"),
         ("--label rice --n 2 --robot source", "--n 2: somebody must bring the robot back after each push"),
     ],
 )
-def test_record_without_a_terminal_refuses_to_need_hands(tmp_path, monkeypatch, words, said):
+def test_record_without_a_terminal_refuses_to_need_hands(tmp_path, monkeypatch, words, message):
     point = SimpleNamespace(name="bench", load=lambda: Real)
     monkeypatch.setattr("granular_id.live.source.entry_points", lambda group: [point])
     line = refused("record", "--source", "bench://here", *shlex.split(words), "-o", tmp_path / "x")
-    assert said in line
+    assert message in line
     assert "standard input is no terminal" in line
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         ("--no-browser", "--no-browser is about the page of --view: leave it out"),
         ("--robot none --timeout-s 1", "nothing triggered within 1 s"),
@@ -208,9 +208,9 @@ def test_record_without_a_terminal_refuses_to_need_hands(tmp_path, monkeypatch, 
         ("--early --archive seen", "--archive keeps whole pushes, with --early there are none"),
     ],
 )
-def test_live_refuses_what_does_nothing_or_harm(live, words, said):
+def test_live_refuses_what_does_nothing_or_harm(live, words, message):
     line = refused(*live, "--n", 1, "--quiet", *shlex.split(words))
-    assert said in line
+    assert message in line
 
 
 def test_options_of_a_push_reach_the_identifier(live, monkeypatch):
@@ -309,13 +309,13 @@ def test_live_keeps_each_push_with_its_answer(live, model, tmp_path):
     rows = tmp_path / "rows.jsonl"
     out = ended_well(*live, "--n", 2, "--quiet", "--archive", tmp_path / "seen", "--json", rows)
     assert "kept 2 recordings in" in out
-    said = [json.loads(line)["decision"] for line in rows.read_text(encoding="utf-8").splitlines()]
+    message = [json.loads(line)["decision"] for line in rows.read_text(encoding="utf-8").splitlines()]
     data = gid.load(tmp_path / "seen")
-    assert [one.meta["answer"]["label"] for one in data] == [one["label"] for one in said]
+    assert [one.meta["answer"]["label"] for one in data] == [one["label"] for one in message]
     assert [one.label for one in data] == ["rice"] * 2, "the truth, which a simulation knows"
     assert len({one.session for one in data}) == 1
     again = ended_well("identify", model, tmp_path / "seen", "--quiet")
-    assert all(one["label"] in line for line, one in zip(again.splitlines(), said, strict=True))
+    assert all(one["label"] in line for line, one in zip(again.splitlines(), message, strict=True))
 
 
 @pytest.mark.parametrize("option", ["--archive", "--json"])

@@ -67,9 +67,9 @@ def test_model_prints_and_writes_what_the_file_holds(model, tmp_path):
         f"granular-id {_core.__version__}",
     ):
         assert words in out, words
-    told = written(tmp_path / "i.json")
-    assert told["trained"] == identifier.trained
-    assert told["training_sha256"] == identifier.core.metadata["training_sha256"]
+    numbers = written(tmp_path / "i.json")
+    assert numbers["trained"] == identifier.trained
+    assert numbers["training_sha256"] == identifier.core.metadata["training_sha256"]
 
 
 def test_every_command_says_that_a_model_is_simulated(tmp_path):
@@ -96,20 +96,20 @@ def test_identify_answers_as_the_library(folder, model, tmp_path):
     answers, table = tmp_path / "a.json", tmp_path / "a.csv"
     out = ended_well("identify", model, folder, "--json", answers, "--csv", table)
     identifier, data = Identifier.load(model), load(folder)
-    said = identifier.predict(data.X)
-    right = int((said == data.y).sum())
+    labels = identifier.predict(data.X)
+    right = int((labels == data.y).sum())
     assert f"{right} of 30 recordings with a known material named rightly: {100 * right / 30:.1f} %" in out
     assert "the model was trained on each of these recordings" in out
-    told = written(answers)
-    assert [row["label"] for row in told["recordings"]] == said.tolist()
-    assert (told["accuracy"], told["n_judged"], told["n_trained_on"]) == (right / 30, 30, 30)
-    for row, loss in zip(told["recordings"], identifier.losses(data.X), strict=True):
+    numbers = written(answers)
+    assert [row["label"] for row in numbers["recordings"]] == labels.tolist()
+    assert (numbers["accuracy"], numbers["n_judged"], numbers["n_trained_on"]) == (right / 30, 30, 30)
+    for row, loss in zip(numbers["recordings"], identifier.losses(data.X), strict=True):
         assert [entry["mean_loss"] for entry in row["ranking"]] == sorted(loss.tolist())
     rows = rows_of(table)
     assert [(row["recording"], row["label"], row["truth"]) for row in rows] == [
-        (name, label, truth) for name, label, truth in zip(data.names, said, data.y, strict=True)
+        (name, label, truth) for name, label, truth in zip(data.names, labels, data.y, strict=True)
     ]
-    for row, one in zip(told["recordings"], data, strict=True):
+    for row, one in zip(numbers["recordings"], data, strict=True):
         decision = identifier.identify(one)  # as in a stream
         assert (decision.label, decision.margin) == (row["label"], row["margin"])
 
@@ -219,7 +219,7 @@ def test_adapt_writes_the_model_of_the_library(model, elsewhere, tmp_path, word)
     assert "\nadapted: by 15 " in ended_well("model", tmp_path / "new.safetensors")
 
 
-def test_missing_materials_are_allowed_as_said(model, tmp_path):
+def test_missing_materials_are_allowed_by_the_option(model, tmp_path):
     some = save(moved(4)[np.arange(8)], tmp_path / "some.npz")
     words = ("adapt", model, some, "-o", tmp_path / "new.safetensors", "--labelled")
     line = refused(*words)
@@ -228,7 +228,7 @@ def test_missing_materials_are_allowed_as_said(model, tmp_path):
     assert "gain nothing: sugar" in " ".join(ended_well(*words, allow).split())
 
 
-def test_model_itself_is_replaced_only_when_asked(model, elsewhere, tmp_path, monkeypatch):
+def test_model_itself_is_replaced_by_force_only(model, elsewhere, tmp_path, monkeypatch):
     own = tmp_path / "own.safetensors"
     own.write_bytes(model.read_bytes())
     words = ("adapt", own, elsewhere, "-o", own, "--labelled")

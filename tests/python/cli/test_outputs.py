@@ -94,15 +94,15 @@ def test_force_replaces_only_what_the_command_wrote(place, tmp_path, typed, opti
     pytest.importorskip("matplotlib")
     there = tmp_path / name
     words = [*typed.format(**place).split(), *filter(None, [option]), name]
-    for content, force, said in [
+    for content, force, message in [
         (FOREIGN[there.suffix], (), "what is there is not "),
         (FOREIGN[there.suffix], ("--force",), "what is there is not "),
         (b"", (), ""),  # nothing is lost
     ]:
         there.write_bytes(content)
-        if said:
+        if message:
             line = refused(*words, *force)
-            assert f"{option} {name}: {said}".strip() in line
+            assert f"{option} {name}: {message}".strip() in line
             assert there.read_bytes() == content
     result = run(*words)
     assert result.exit_code == 0, result.output

@@ -73,9 +73,9 @@ def test_missing_extra_is_named():
     )
     out, errors = process(code)
     lines = out.splitlines()
-    for missing, said in zip(("typer", "rich"), lines, strict=False):
+    for missing, message in zip(("typer", "rich"), lines, strict=False):
         needed = f"granular-id: the command line needs {missing}: {install('app')}"
-        assert said == f"exit {needed}", "Python prints it and exits with 1"
+        assert message == f"exit {needed}", "Python prints it and exits with 1"
     assert lines[2] == "exit 1"
     assert (
         " ".join(errors.replace("\\\n", "").split()) == f"error: a report needs matplotlib: {install('app')}"

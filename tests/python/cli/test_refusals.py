@@ -28,9 +28,9 @@ def place(tmp_path, monkeypatch):
     assert (tmp_path / "broken.npz").read_bytes() == b"no recordings in here"
 
 
-def holds(line, said):
-    """Whether a line holds the parts of what is to be said, which dots divide."""
-    return all(part in line for part in said.split(" ... "))
+def holds(line, message):
+    """Whether a line holds the parts of a message, which dots divide."""
+    return all(part in line for part in message.split(" ... "))
 
 
 BEFORE_READING = [
@@ -91,9 +91,9 @@ BEFORE_READING = [
 
 
 @pytest.mark.usefixtures("place")
-@pytest.mark.parametrize(("typed", "said"), BEFORE_READING)
-def test_option_that_cannot_be_is_refused_first(typed, said):
-    assert holds(refused(*shlex.split(typed)), said)
+@pytest.mark.parametrize(("typed", "message"), BEFORE_READING)
+def test_option_that_cannot_be_is_refused_first(typed, message):
+    assert holds(refused(*shlex.split(typed)), message)
 
 
 AFTER_READING = [
@@ -120,10 +120,10 @@ AFTER_READING = [
 
 
 @pytest.mark.usefixtures("place")
-@pytest.mark.parametrize(("typed", "said"), AFTER_READING)
-def test_what_does_not_go_with_the_recordings_is_refused(folder, model, pushes, typed, said):
+@pytest.mark.parametrize(("typed", "message"), AFTER_READING)
+def test_what_does_not_go_with_the_recordings_is_refused(folder, model, pushes, typed, message):
     names = {"folder": folder, "model": model, "pushes": pushes}
-    assert holds(refused(*shlex.split(typed.format(**names))), said.format(**names))
+    assert holds(refused(*shlex.split(typed.format(**names))), message.format(**names))
 
 
 USAGE = [
@@ -145,10 +145,10 @@ USAGE = [
 ]
 
 
-@pytest.mark.parametrize(("typed", "said"), USAGE)
-def test_wrong_usage_is_refused_as_all_else(typed, said):
+@pytest.mark.parametrize(("typed", "message"), USAGE)
+def test_wrong_usage_is_refused_as_all_else(typed, message):
     line = refused(*shlex.split(typed))
-    assert line.startswith(f"error: {said}")
+    assert line.startswith(f"error: {message}")
     assert line.endswith(" --help") or "requires" in line
 
 
@@ -161,7 +161,7 @@ def test_group_without_a_command_prints_its_help(typed):
 
 
 @pytest.mark.parametrize(
-    ("error", "said"),
+    ("error", "message"),
     [
         (argument_error(_core.GranularIdError, "by", "is wrong"), "--hold-out is wrong"),
         (argument_error(_core.GranularIdError, "bin_range", "='x'; wanted"), "--bin-range='x'; wanted"),
@@ -174,9 +174,9 @@ def test_group_without_a_command_prints_its_help(typed):
         (FileNotFoundError("seed: no such file or folder"), "seed: no such file or folder"),
     ],
 )
-def test_refusal_begins_with_the_option_of_its_argument(folder, monkeypatch, error, said):
+def test_refusal_begins_with_the_option_of_its_argument(folder, monkeypatch, error, message):
     monkeypatch.setattr("granular_id.io.load", lambda *_, **__: (_ for _ in ()).throw(error))
-    assert refused("evaluate", folder) == f"error: {said}"
+    assert refused("evaluate", folder) == f"error: {message}"
 
 
 @pytest.mark.filterwarnings("default")

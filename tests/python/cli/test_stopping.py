@@ -148,7 +148,7 @@ def test_a_command_stops_the_robot_and_says_so(begin, commands, command, number)
     assert session.ended() == (128 + number, ended)
 
 
-def test_a_robot_that_cannot_be_stopped_is_not_said_to_be(begin, commands):
+def test_a_robot_that_cannot_be_stopped_is_not_reported_stopped(begin, commands):
     session = begin("broken", *commands["record"], "--duration-s", 0.5)
     session.signal(signal.SIGTERM)
     code, err = session.ended()
@@ -184,7 +184,7 @@ def test_a_lost_connection_without_terminal_stops_the_robot(begin, commands):
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_no_robot_is_said_to_be_stopped_where_none_moves(capsys, number):
+def test_no_robot_is_reported_where_none_moves(capsys, number):
     with pytest.raises(typer.Exit) as ended, stopping_the_robot():
         signal.raise_signal(number)
     assert ended.value.exit_code == 128 + number

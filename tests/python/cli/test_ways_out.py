@@ -166,7 +166,7 @@ MODELS = {
 
 @pytest.mark.parametrize("kind", MODELS)
 @pytest.mark.parametrize("command", ["identify {model} {path}", "adapt {model} {path} -o new --labelled"])
-def test_what_a_model_does_not_take_is_prepared_as_said(model, tmp_path, monkeypatch, kind, command):
+def test_what_a_model_does_not_take_is_prepared_by_its_command(model, tmp_path, monkeypatch, kind, command):
     monkeypatch.chdir(tmp_path)
     path = save(MODELS[kind](), tmp_path / "now.npz")
     if kind == "too long":  # a model of recordings with several leads asks where the motion begins
@@ -181,7 +181,7 @@ def test_what_a_model_does_not_take_is_prepared_as_said(model, tmp_path, monkeyp
     ended_well(*command.format(model=model, path=converted[3]).split())
 
 
-def test_frame_of_another_name_is_accepted_as_said(tmp_path):
+def test_frame_of_another_name_is_accepted_by_the_option(tmp_path):
     old, new = (
         save(Dataset([replace(one, meta={"frame": frame}) for one in data]), tmp_path / f"{frame}.npz")
         for frame, data in (("flange", make()), ("table", others()))
@@ -205,7 +205,7 @@ def test_frame_of_another_name_is_accepted_as_said(tmp_path):
         ("unequal lengths", ("--space", "raw")),
     ],
 )
-def test_archive_that_does_not_fit_is_converted_into_one_that_does(model, tmp_path, monkeypatch, kind, words):
+def test_archive_that_does_not_fit_is_converted(model, tmp_path, monkeypatch, kind, words):
     pytest.importorskip("pyarrow.parquet")
     monkeypatch.chdir(tmp_path)
     fleet, data = tmp_path / "fleet", others()
@@ -227,7 +227,7 @@ def test_archive_that_does_not_fit_is_converted_into_one_that_does(model, tmp_pa
         ended_well("identify", model, converted[3], "-o", "answers")
 
 
-def test_what_is_no_archive_becomes_one_as_said(folder, tmp_path):
+def test_what_is_no_archive_becomes_one_by_its_command(folder, tmp_path):
     line = refused("extract", folder, "-o", tmp_path / "out")
     words = way_out(
         line.replace(" makes one of recordings", "").replace(" ARCHIVE ", f" {tmp_path / 'fleet'} ")
