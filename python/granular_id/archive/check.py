@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +16,6 @@ from granular_id.io import RecordingFileError
 from granular_id.io.parquet.archive import Archive, RowGroup
 from granular_id.io.parquet.layout import index_file, index_keys, index_of, samples_file
 from granular_id.io.parquet.writing import digest_of
-
-_SHOWN = 10
-"""Problems that are printed; all are in `CheckReport.problems`."""
 
 
 @dataclass(frozen=True)
@@ -48,17 +45,13 @@ class CheckReport:
 
     def __str__(self) -> str:
         found = counted(len(self.problems), "problem") if self.problems else "no problems"
-        lines = [f"{self.folder}: {counted(self.n_recordings)}, {found}", *_first(self.problems)]
+        lines = [f"{self.folder}: {counted(self.n_recordings)}, {found}"]
+        lines += [f"  {problem}" for problem in self.problems]
         if self.leftovers:
             what = f"{counted(len(self.leftovers), 'file')} left by an append that was interrupted"
             lines.append(f"{what}, or of one that is under way; no part of the archive:")
-            lines += _first(self.leftovers)
+            lines += [f"  {name}" for name in self.leftovers]
         return "\n".join(lines)
-
-
-def _first(some: Sequence[object]) -> list[str]:
-    more = [f"  and {len(some) - _SHOWN} more"] if len(some) > _SHOWN else []
-    return [*(f"  {one}" for one in some[:_SHOWN]), *more]
 
 
 def check(

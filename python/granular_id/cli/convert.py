@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -19,7 +19,7 @@ from granular_id.cli.recordings import history_of, read, refuse_uneven, say_step
 
 if TYPE_CHECKING:
     from granular_id._checks import FloatArray
-    from granular_id.recording import Dataset
+    from granular_id.recording import Dataset, Payload
 
 STEPS, SETUP = "Steps, in this order", "Another set-up, before the steps"
 
@@ -115,10 +115,31 @@ def convert(
     - `granular-id data convert log.csv pushes.npz --split-gap-s 1 --resample-hz 500`
     - `granular-id data convert today turned.npz --compensate tool.json --gravity 0,0,1 --frame flange=0,0,90`
     """
-    _refuse_alone(begin_at, duration_s is not None, tare_s, lead_s, resample_hz, max_gap_s)
+    for is_alone, problem in (
+        (
+            begin_at != "first" and duration_s is None and tare_s is None,
+            f"--begin-at {begin_at} crops recordings: add --duration-s (seconds, or shortest)",
+        ),
+        (
+            lead_s and begin_at == "first",
+            "--lead-s is time ahead of a trigger: add --begin-at trigger or onset",
+        ),
+        (
+            max_gap_s != MAX_GAP_S and resample_hz is None,
+            "--max-gap-s is about gaps that resampling fills: add --resample-hz",
+        ),
+        (
+            gravity is not None and compensate is None,
+            "--gravity says in which direction a payload weighs: add --compensate",
+        ),
+    ):
+        if is_alone:
+            raise GranularIdError(problem)
     seconds = None if duration_s in (None, "shortest") else _seconds(duration_s)
     check_save(output, source=path, force=force)
-    setup, of_csv = _other_setup(compensate, gravity, flip, frame), opt.csv_in(csv)
+    down = None if gravity is None else opt.numbers_in("--gravity", gravity, "x,y,z", 3)
+    frame_name, turn = _frame_in(frame)
+    payload, of_csv = None if compensate is None else _payload_in(compensate), opt.csv_in(csv)
     check_source(path)
     data = read(
         path,
@@ -138,8 +159,10 @@ def convert(
     reported = partial(say_step, rest=history_of(output, {}))
     if split_gap_s is not None:
         data = reported(data.split(split_gap_s))
-    for made in setup(data):
-        data = reported(made)
+    if payload is not None:
+        data = reported(data.compensate(payload, down))
+    if flip or frame is not None:
+        data = reported(data.transform(turn, frame=frame_name, flip=opt.names_in(flip)))
     if resample_hz is not None and any(recording.rate_hz != resample_hz for recording in data):
         limit = None if math.isinf(max_gap_s) else max_gap_s
         data = reported(data.resample(resample_hz, max_gap_s=limit, on_gap=on_error))
@@ -165,25 +188,6 @@ def convert(
     _save_checked(data, output)
 
 
-def _refuse_alone(
-    begin_at: str,
-    crops: bool,
-    tare_s: float | None,
-    lead_s: float,
-    resample_hz: float | None,
-    max_gap_s: float,
-) -> None:
-    """Refuse steps that lack another one."""
-    if begin_at != "first" and not crops and tare_s is None:
-        raise GranularIdError(
-            f"--begin-at {begin_at} crops recordings: add --duration-s (seconds, or shortest)"
-        )
-    if lead_s and begin_at == "first":
-        raise GranularIdError("--lead-s is time ahead of a trigger: add --begin-at trigger or onset")
-    if resample_hz is None and max_gap_s != MAX_GAP_S:
-        raise GranularIdError("--max-gap-s is about gaps that resampling fills: add --resample-hz")
-
-
 def _seconds(text: str | None) -> float:
     """Read ``--duration-s``."""
     try:
@@ -195,45 +199,28 @@ def _seconds(text: str | None) -> float:
     return seconds
 
 
-def _other_setup(
-    compensate: Path | None, gravity: str | None, flip: str, frame: str | None
-) -> Callable[[Dataset], Iterator[Dataset]]:
-    """Return what takes a payload off and turns, with all files and texts read."""
-    if gravity is not None and compensate is None:
-        raise GranularIdError("--gravity says in which direction a payload weighs: add --compensate")
-    down = None if gravity is None else opt.numbers_in("--gravity", gravity, "x,y,z", 3)
-    name, equals, angles = (frame or "").partition("=")
-    if frame is not None and (not name or (equals and not angles)):
-        raise GranularIdError(f"--frame must be NAME, or {_TURN}, got {frame!r}")
-    turn = _rotation(angles) if angles else None
-    payload = None
-    if compensate is not None:
-        from granular_id.recording import Payload
+def _payload_in(file: Path) -> Payload:
+    from granular_id.recording import Payload
 
-        payload = Payload.load(compensate)
-
-    def steps(data: Dataset) -> Iterator[Dataset]:
-        if payload is not None:
-            data = data.compensate(payload, down)
-            yield data
-        if flip or frame is not None:
-            yield data.transform(turn, frame=name or None, flip=opt.names_in(flip))
-
-    return steps
+    return Payload.load(file)
 
 
-def _rotation(text: str) -> FloatArray | list[float]:
-    """Read the rotation in ``--frame``: a matrix, or a quaternion."""
-    turn = opt.numbers_in("--frame", text, _TURN)
+def _frame_in(text: str | None) -> tuple[str | None, FloatArray | list[float] | None]:
+    """Read ``--frame``: a name, and a rotation as a matrix or a quaternion."""
+    name, equals, angles = (text or "").partition("=")
+    if text is not None and (not name or (equals and not angles)):
+        raise GranularIdError(f"--frame must be NAME, or {_TURN}, got {text!r}")
+    if not angles:
+        return name or None, None
+    turn = opt.numbers_in("--frame", angles, _TURN)
     if len(turn) == 4:
-        return turn
+        return name, turn
     if len(turn) != 3:
-        raise GranularIdError(f"--frame must be {_TURN}, got {text!r}")
+        raise GranularIdError(f"--frame must be {_TURN}, got {angles!r}")
     from scipy.spatial.transform import Rotation
 
     # right angles only change places and signs
-    matrix: FloatArray = Rotation.from_euler("xyz", turn, degrees=True).as_matrix().round(15)
-    return matrix
+    return name, Rotation.from_euler("xyz", turn, degrees=True).as_matrix().round(15)
 
 
 def _with_rest(data: Dataset, rest_s: float, reported: Callable[[Dataset], Dataset]) -> Dataset:

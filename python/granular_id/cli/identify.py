@@ -87,7 +87,9 @@ def identify(
         opt.refuse(beside, "does not go with -o, whose folder holds the answers")
         if len(paths) > 1:
             raise GranularIdError(f"-o takes the answers about one archive, got {len(paths)}: name one")
-        _answer_archive(model, paths[0], output, accepted, jobs, scheduler, quiet=quiet)
+        n_jobs = opt.jobs_of(jobs, scheduler)
+        options = {"accept": accepted, "n_jobs": n_jobs, "scheduler": scheduler, "progress": not quiet}
+        _answer_archive(model, paths[0], output, quiet=quiet, **options)
         return
     opt.refuse(
         {"--jobs": jobs, "--scheduler": scheduler}, "is about archives and -o, a folder for the answers"
@@ -224,16 +226,7 @@ def _print_over(each: list[Timeline], *, details: bool, quiet: bool) -> None:
         warn_of_setups(differences)
 
 
-def _answer_archive(
-    model: Path,
-    archive: Path,
-    output: Path,
-    accepted: list[str],
-    jobs: int | None,
-    scheduler: str | None,
-    *,
-    quiet: bool,
-) -> None:
+def _answer_archive(model: Path, archive: Path, output: Path, *, quiet: bool, **options: Any) -> None:
     """Write one answer for each recording of an archive, and print what they are in all."""
     check_source(model)
     check_is_archive(archive)
@@ -247,14 +240,6 @@ def _answer_archive(
         say_made("Answers", output, done, partial=partial)
 
     with working_on(archive, say):
-        answers = identify_archive(
-            archive,
-            Identifier.load(model),
-            output,
-            accept=accepted,
-            progress=not quiet,
-            n_jobs=opt.jobs_of(jobs, scheduler),
-            scheduler=scheduler,
-        )
+        answers = identify_archive(archive, Identifier.load(model), output, **options)
     if answers.extraction is not None:
         say(answers.extraction)

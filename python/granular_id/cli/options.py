@@ -51,7 +51,7 @@ NewModel = Annotated[Path, Option("--output", "-o", help="Model file to write: .
 
 Force = Annotated[bool, Option("--force", help="Replace files that are there, of the same kind.")]
 Quiet = Annotated[bool, Option("--quiet", "-q", help="Print the answer only, and no progress.")]
-Details = Annotated[bool, Option("--details", help="Print all there is, not one screen.")]
+Details = Annotated[bool, Option("--details", help="Print more than one screen.")]
 Json = Annotated[Path | None, Option(help="Write all numbers into this file, for programs.")]
 Figure = Annotated[Path | None, Option(help="Draw it: png, svg or pdf.")]
 Seed = Annotated[int, Option(min=0, help="Same seed, same numbers.")]

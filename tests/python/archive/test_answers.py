@@ -112,10 +112,6 @@ def test_recordings_that_do_not_hold_the_length_have_no_answer(model, tmp_path):
     [
         ({"rate_hz": 250}, "has 250 Hz, the model was trained at 500 Hz"),
         ({"meta": {"frame": "tool"}}, "frame 'tool', in training 'flange'"),
-        (
-            {"meta": {"units": dict.fromkeys(("fx", "fy", "fz"), "lbf")}},
-            "units 'fx: lbf', in training 'fx: N'",
-        ),
     ],
 )
 def test_another_setup_is_refused_before_any_work(model, tmp_path, fields, message):
