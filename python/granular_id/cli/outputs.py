@@ -16,7 +16,17 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from granular_id._core import GranularIdError
-from granular_id._files import JSON, MODELS, PAGES, PICTURES, TABLES, check_source, check_target, write_json
+from granular_id._files import (
+    JSON,
+    MODELS,
+    PAGES,
+    PICTURES,
+    RECORDINGS,
+    TABLES,
+    check_source,
+    check_target,
+    write_json,
+)
 from granular_id._text import Table, counted
 
 COLUMNS = 80
@@ -218,7 +228,9 @@ def _refuse_overlaps(targets: list[Path], source: Path | None) -> None:
     for k, place in enumerate(places):
         if place in places[:k]:
             raise GranularIdError(f"{targets[k]} would be written twice: give each output a file of its own")
-        if source is not None and place.exists() and source.resolve() in (place, *place.parents):
-            raise GranularIdError(
-                f"{targets[k]} belongs to {source}, which is read: give the output another name"
-            )
+        if source is None or source.resolve() not in (place, *place.parents):
+            continue
+        # A report or a model that an earlier run wrote there is no recording.
+        if place == source.resolve() or place.suffix.lower() in RECORDINGS:
+            how = "belongs to" if place.exists() else "would be taken for a recording of"
+            raise GranularIdError(f"{targets[k]} {how} {source}, which is read: give the output another name")

@@ -101,6 +101,7 @@ AFTER_READING = [
     ("evaluate {folder} --paper 20,50,12", "class 'oat' has 10 recordings, wanted ... (--paper 20,8,2)"),
     ("evaluate {folder} --hold-out speed", "--hold-out='speed' cannot be held out ... of index.csv"),
     ("evaluate {folder} --json {folder}/index.csv", "index.csv belongs to {folder}"),
+    ("evaluate {folder} --csv {folder}/p.csv", "p.csv would be taken for a recording of {folder}"),
     ("explain {folder} oat oat", "FIRST and SECOND must be two materials, got 'oat' twice"),
     ("explain {folder} oat salt", "SECOND is 'salt', which is no label here; there are oat, rice, sugar"),
     ("train {folder} -o {folder}/index.csv", "index.csv belongs to {folder}"),
