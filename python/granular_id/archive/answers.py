@@ -32,6 +32,7 @@ from granular_id.identifier import (
 )
 from granular_id.io.files import need
 from granular_id.io.parquet.archive import Archive, RowGroup, integers
+from granular_id.io.parquet.layout import FLAGS
 from granular_id.recording import setup_mismatch
 
 MODEL = "_model.safetensors"
@@ -173,7 +174,8 @@ def _rows(model: Identifier, archive: Archive, group: RowGroup, buffer: FloatArr
     if not answered:
         return rows
     flags = np.zeros(group.n_samples, np.uint8)
-    samples = archive.samples(group, buffer, flags)
+    samples = buffer[: group.n_samples]
+    archive.decode(group, samples, {FLAGS: flags})
     begins = (np.cumsum(lengths) - lengths + starts).tolist()
     if (lengths == n).all():
         X = samples.reshape(-1, n, len(archive.axes))

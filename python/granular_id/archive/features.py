@@ -182,7 +182,8 @@ class FeaturesSpec:
         out = np.empty((len(lengths), len(names)))
         buffer = np.empty((max(group.n_samples for group in groups), len(archive.axes)))
         for group in groups:
-            samples, done = archive.samples(group, buffer), 0
+            samples, done = buffer[: group.n_samples], 0
+            archive.decode(group, samples)
             start, stop = group.start - first, group.stop - first
             changes = np.flatnonzero(np.diff(lengths[start:stop])) + 1 + start
             for begin, end in pairwise([start, *changes.tolist(), stop]):  # runs of one length

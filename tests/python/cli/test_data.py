@@ -1,6 +1,7 @@
 """`granular-id data` and `setup`: what their commands print and write."""
 
 import re
+import shlex
 from dataclasses import replace
 
 import numpy as np
@@ -106,18 +107,7 @@ def test_convert_replaces_a_file_by_force(folder, pushes, tmp_path):
 
 
 def test_convert_takes_steps_in_order(pushes, tmp_path):
-    words = (
-        "--resample-hz",
-        250,
-        "--tare-s",
-        0.1,
-        "--begin-at",
-        "trigger",
-        "--lead-s",
-        0.04,
-        "--duration-s",
-        0.4,
-    )
+    words = shlex.split("--resample-hz 250 --tare-s 0.1 --begin-at trigger --lead-s 0.04 --duration-s 0.4")
     ended_well("data", "convert", pushes, tmp_path / "x.npz", *words, "--window-s", 0.2)
     data = load(pushes).resample(250).tare(lead_s=0.1)
     data = data.align(duration_s=0.4, trigger="recorded", lead_s=0.04).windows(0.2)
@@ -196,18 +186,7 @@ def test_synthesize_writes_what_the_library_makes(tmp_path):
     out = ended_well("data", "synthesize", tmp_path / "x.npz", *words)
     assert "4 SYNTHETIC recordings of 2 materials" in " ".join(out.split())
     assert load(tmp_path / "x.npz") == synthesize(["rice", "oat flakes"], n_per_class=2, rate_hz=100, seed=4)
-    words = (
-        "--materials",
-        "oat_flakes",
-        "--n-per-class",
-        2,
-        "--sensor",
-        "imu",
-        "--rate-hz",
-        100,
-        "--duration-s",
-        5,
-    )
+    words = shlex.split("--materials oat_flakes --n-per-class 2 --sensor imu --rate-hz 100 --duration-s 5")
     ended_well("data", "synthesize", tmp_path / "x.npz", *words, "--force")
     drives = {"rate_hz": 100, "duration_s": 5, "sensor": "imu"}
     assert load(tmp_path / "x.npz") == synthesize("oat flakes", n_per_class=2, **drives)

@@ -356,12 +356,6 @@ def test_lines_of_python_are_a_command_that_saves(tmp_path, monkeypatch):
     assert load("in-prepared.npz").y.tolist() == [*"abab"]
 
 
-@pytest.mark.parametrize("name", ["x.xlsx", "x.ods", "x.json", "x.zip", "x.mat"])
-def test_endings_of_other_files_are_no_folders(folder, tmp_path, name):
-    assert "cannot be written" in refused("data", "convert", folder, tmp_path / name)
-    assert not (tmp_path / name).exists()
-
-
 def test_column_that_is_not_there_has_no_way_out(tmp_path):
     each_label(tmp_path / "in")
     line = refused("data", "info", tmp_path / "in", "--session", "column:foo")

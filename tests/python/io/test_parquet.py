@@ -160,7 +160,7 @@ def test_recordings_of_one_length_are_one_block(tmp_path):
     assert read[0].meta["notes"] is read[19].meta["notes"]
 
 
-# Samples alone, a row group at a time.
+# A row group at a time.
 
 RNG = np.random.default_rng(20)
 PUSHES = [
@@ -172,54 +172,9 @@ def saved(folder, recordings=PUSHES):
     return Archive(save_parquet(Dataset(recordings), folder, recordings_per_group=2))
 
 
-@settings(max_examples=cases(8))
-@given(dataset=datasets(), per_group=st.integers(1, 4))
-def test_samples_are_those_of_the_recordings_to_the_last_bit(tmp_path_factory, dataset, per_group):
-    archive = Archive(save_parquet(dataset, tmp_path_factory.mktemp("a"), recordings_per_group=per_group))
-    for group in archive.row_groups:
-        wanted = np.concatenate([r.wrench for r in dataset.recordings[group.start : group.stop]])
-        assert archive.samples(group).tobytes() == wanted.tobytes()
-
-
-def test_samples_use_a_buffer_that_is_large_enough(tmp_path):
-    archive = saved(tmp_path / "a")
-    out = np.full((40, 6), np.nan)
-    for group in archive.row_groups:
-        samples = archive.samples(group, out)
-        assert np.shares_memory(samples, out)
-        assert samples.tobytes() == archive.samples(group).tobytes()
-
-
-def test_samples_leave_a_buffer_that_is_too_short_alone(tmp_path):
-    archive = saved(tmp_path / "a")
-    out = np.zeros((3, 6))
-    assert len(archive.samples(archive.row_groups[0], out)) == 9
-    assert not out.any()
-
-
-def test_samples_fill_in_the_flags(tmp_path):
-    archive = saved(tmp_path / "a", [PUSHES[0], replace(PUSHES[1], flags=[0, 1, 2, 0, 4])])
-    flags = np.zeros(9, np.uint8)
-    archive.samples(archive.row_groups[0], flags=flags)
-    assert flags.tolist() == [0] * 5 + [1, 2, 0, 4]
-
-
-@pytest.mark.parametrize(
-    "out", [np.zeros((99, 5)), np.zeros((99, 6), np.float32), np.zeros(99), np.zeros((6, 99)).T]
-)
-def test_samples_refuse_a_buffer_of_another_kind(tmp_path, out):
-    archive = saved(tmp_path / "a")
-    with pytest.raises(ValueError, match=r"out must be C-contiguous float64 of shape \(N, 6\), got float"):
-        archive.samples(archive.row_groups[0], out)
-
-
 def test_samples_of_a_row_group_larger_than_a_batch(tmp_path, monkeypatch):
     monkeypatch.setattr("granular_id.io.parquet.archive._BATCH_ROWS", 4)
     archive = saved(tmp_path / "a")
-    assert (
-        archive.samples(archive.row_groups[1]).tobytes()
-        == np.vstack([r.wrench for r in PUSHES[2:4]]).tobytes()
-    )
     assert archive.read(archive.row_groups[1]).recordings == tuple(PUSHES[2:4])
 
 
@@ -229,9 +184,9 @@ def test_samples_that_are_no_numbers_are_named(tmp_path):
     )
     fy = [1.0] * 17 + [float("nan"), 1, 1]
     rewrite(samples_in(archive.folder), with_column("fy", pa.array(fy)), row_group_size=10)
-    archive.samples(archive.row_groups[0])
+    archive.read(archive.row_groups[0])
     with pytest.raises(RecordingFileError, match="sample 7 is nan; wanted") as caught:
-        archive.samples(archive.row_groups[1])
+        archive.read(archive.row_groups[1])
     assert (caught.value.place, caught.value.column) == ("row group 1", "fy")
 
 
@@ -241,9 +196,8 @@ def test_threads_share_an_archive(tmp_path):
     wrong = []
 
     def read():
-        out = np.empty((99, 6))
         for group, each in zip(archive.row_groups, wanted, strict=True):
-            if archive.samples(group, out).tobytes() != np.vstack([r.wrench for r in each]).tobytes():
+            if list(archive.read(group)) != list(each):
                 wrong.append(group)
 
     threads = [threading.Thread(target=read) for _ in range(4)]

@@ -12,13 +12,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
-from granular_id._core import GranularIdError
 from granular_id._files import check_source
 from granular_id._text import counted
 from granular_id.io.files import RecordingFileError, attempt, naming, need
@@ -111,15 +111,10 @@ class Archive:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     archive = Archive(save(data, folder + "/rice", "parquet"))
     ...     archive.n_recordings, [len(part) for part in archive]
-    ...     buffer = None
-    ...     for group in archive.row_groups:  # the fast way: all samples, of the recordings one behind the other
-    ...         samples = archive.samples(group, buffer)
-    ...         buffer = samples if buffer is None else buffer
-    ...         print(samples.shape, archive.index["n_samples"][group.start])
+    ...     first = archive.read(archive.row_groups[0])
     (300, [128, 128, 44])
-    (384, 6) 3
-    (384, 6) 3
-    (132, 6) 3
+    >>> first[0].wrench.shape
+    (3, 6)
     """
 
     def __init__(
@@ -195,48 +190,12 @@ class Archive:
             others[TIME] = np.full(n_rows, np.nan)
         for one in groups:
             rows = slice(done, done + one.n_samples)
-            self._decode(one, wrench[rows], {name: values[rows] for name, values in others.items()})
+            self.decode(one, wrench[rows], {name: values[rows] for name, values in others.items()})
             done = rows.stop
         for array in (wrench, *others.values()):
             array.flags.writeable = False
         recordings = self._recordings(index, wrench, others)
         return Dataset(recordings, self.history if group is None else ())
-
-    def samples(
-        self, group: RowGroup, out: FloatArray | None = None, flags: NDArray[np.uint8] | None = None
-    ) -> FloatArray:
-        """Decode the samples of one row group, without making recordings of them: the fast way to read.
-
-        Parameters
-        ----------
-        group : RowGroup
-        out : ndarray of shape (N, C), float64, optional
-            A buffer to decode into, C-contiguous, for one row group after the other: memory that is taken anew each
-            time costs more than the copying. With fewer than ``group.n_samples`` rows it is not used.
-        flags : ndarray of shape (group.n_samples,), uint8, optional
-            Filled with the flags of the samples, where the file holds any.
-
-        Returns
-        -------
-        ndarray of shape (group.n_samples, C)
-            Samples of the recordings ``group.start`` to ``group.stop`` of the index, one behind the other; N and N m.
-            A view of `out` where that is used. All are finite, as many as the index says, and checksums are verified.
-
-        Raises
-        ------
-        RecordingFileError
-            As `read`.
-        ValueError
-            `out` has another type or number of columns.
-        """
-        n_axes, n = len(self.axes), group.n_samples
-        if out is None or (len(out) < n and out.ndim):
-            out = np.empty((n, n_axes))
-        elif out.dtype != np.float64 or out.shape[1:] != (n_axes,) or not out.flags.c_contiguous:
-            came = f"{out.dtype} of shape {out.shape}"
-            raise GranularIdError(f"out must be C-contiguous float64 of shape (N, {n_axes}), got {came}")
-        self._decode(group, out[:n], {} if flags is None else {FLAGS: flags})
-        return out[:n]
 
     @property
     def history(self) -> tuple[StepReport, ...]:
@@ -289,8 +248,13 @@ class Archive:
                 raise RecordingFileError(self.folder, f"recording {row['name']!r:.60}: {error}") from error
         return made
 
-    def _decode(self, group: RowGroup, wrench: FloatArray, others: Mapping[str, NDArray[Any]]) -> None:
-        """Decode a row group into `wrench` (n_samples, C), and into those of `others` that there are."""
+    def decode(
+        self, group: RowGroup, wrench: FloatArray, others: Mapping[str, NDArray[Any]] = MappingProxyType({})
+    ) -> None:
+        """Decode a row group into `wrench` (n_samples, C), and into those of `others` that there are.
+
+        Memory that is taken anew for each group costs more than this.
+        """
         path, place = self.folder / group.file, f"row group {group.row_group}"
         with open_parquet(path, self.folder) as opened:
             if Mark.read(opened, "samples", path)[0] != self._mark:
