@@ -66,6 +66,12 @@ class Commands(TyperGroup):
 class Command(TyperCommand):
     """A command whose refusals are one message and an exit code; anything else is a bug and shows its traceback."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """Refuse empty words, which unset variables of a shell leave: as a path one would be the folder at hand."""
+        if "" in args:
+            raise typer.BadParameter("an argument is an empty text", ctx=ctx)
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:
         """Run it: bad input ends with 2, a missing extra with 1, Ctrl-C with 130."""
         before = warnings.showwarning, sys.unraisablehook

@@ -144,7 +144,7 @@ def test_ctrl_c_ends_a_session_with_its_summary(live, heeding_interrupts):
         ("--label rice,rice", "--label must name each material once, got 'rice,rice'"),
         ("--label rice,suger", "'suger'; known: dry peas, rice"),
         ("--label rice,sa\u202elt", "holds the control character"),
-        ("--label rice --session ''", "--session is empty"),
+        ("--label rice --session ' '", "--session is empty"),
         ("--label rice --direction 1,0", "--direction must be X,Y,Z such as 0,-1,0, got '1,0'"),
         ("--label rice --robot none --trigger motion", "--trigger='motion' needs a robot"),
         ("--label rice --robot ur", "--robot must be one of auto, none, manual, source"),

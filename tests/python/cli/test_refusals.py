@@ -141,6 +141,7 @@ USAGE = [
     ("evaluate . --nope", "no such option: --nope"),
     ("nothing", "no such command 'nothing'"),
     ("data nothing", "no such command 'nothing'"),
+    ("extract . -o ''", "invalid value: an argument is an empty text"),
     ("data plot . --what x", "invalid value for '--what': 'x' is not one of 'recordings'"),
     ("record --n", "option '--n' requires an argument"),
 ]
