@@ -273,6 +273,8 @@ def test_show_says_what_follows(trained, pushes, tmp_path, swapped):
     assert shown["tool"].split() == ["fine", "cylinder", "the", "same"]
     assert shown["tare"].split() == ["warning", "not", "stated", "rest"]
     assert out.startswith("refused: frame\n")
+    whole = ended_well("setup", "show", trained, now, "--details")
+    assert "\nframe: refused\n  training  flange\n  now       table\n" in whole
     ran = run("identify", trained, now)
     assert ran.exit_code == 2
     assert "frame 'table'" in " ".join(ran.output.split())
