@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::ffi::{c_char, CStr, CString};
+use std::fmt::Display;
 use std::path::PathBuf;
 use std::ptr::null;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -34,6 +35,9 @@ pub struct gid_model_info {
     pub n_samples: usize,
     /// Rows in a second.
     pub rate_hz: f64,
+    /// Seconds of rest before the onset with which each recording of the training begins; NaN where they do not say, or
+    /// differ. A window begins with the rows of this rest.
+    pub lead_s: f64,
     /// Whether simulated recordings trained it: its answers say nothing about real materials.
     pub synthetic: bool,
 }
@@ -46,6 +50,7 @@ pub(crate) struct Loaded {
     synthetic: bool,
     labels: Vec<CString>,
     axes: Vec<CString>,
+    units: Vec<CString>,
 }
 
 impl Loaded {
@@ -60,6 +65,7 @@ impl Loaded {
             synthetic: trained["synthetic"].as_bool().unwrap_or_default(),
             labels: texts(model.classes()),
             axes: texts(&model.metadata().axes),
+            units: texts(&model.metadata().units),
             model: Arc::new(model),
         }
     }
@@ -91,11 +97,15 @@ unsafe fn enter(model: Model, out: *mut gid_model) -> Result<gid_status, gid_sta
     unsafe { write(out, "model", gid_model { id }) }
 }
 
-/// The status of an error of a model file.
-fn no_model(error: &ModelError) -> gid_status {
+/// Stores the sentence of an error of a model, behind where it came from, and gives its status.
+fn no_model(error: &ModelError, origin: impl Display) -> gid_status {
     match error {
-        ModelError::Spec(Error::Memory { .. }) => GID_MEMORY,
-        _ => GID_MODEL,
+        ModelError::Spec(Error::Memory { .. }) => failed(GID_MEMORY, format_args!("{origin}{error}")),
+        // The core's sentence offers to raise the limit, which C cannot.
+        ModelError::FileSize { bytes, max } => {
+            failed(GID_MODEL, format_args!("{origin}the file has {bytes} bytes; at most {max} are read"))
+        }
+        _ => failed(GID_MODEL, format_args!("{origin}{error}")),
     }
 }
 
@@ -108,12 +118,11 @@ pub unsafe extern "C" fn gid_model_load(path: *const c_char, model: *mut gid_mod
         check_pointer(model, "model")?;
         // SAFETY: the caller promises a terminated string.
         let path = path_of(unsafe { CStr::from_ptr(path) })?;
-        let read = Model::read(path).map_err(|error| {
-            let status = match &error {
-                ModelFileError::NoModel { source, .. } => no_model(source),
-                _ => GID_FILE,
-            };
-            failed(status, format_args!("{error}"))
+        let read = Model::read(path).map_err(|error| match &error {
+            ModelFileError::NoModel { path, source } => {
+                no_model(source, format_args!("{}: ", path.display()))
+            }
+            _ => failed(GID_FILE, format_args!("{error}")),
         })?;
         // SAFETY: as of the caller.
         unsafe { enter(read, model) }
@@ -133,7 +142,7 @@ fn path_of(path: &CStr) -> Result<PathBuf, gid_status> {
     text.map(PathBuf::from).map_err(|_| failed(GID_FILE, format_args!("path must be UTF-8")))
 }
 
-/// Reads a model from the `n` bytes of a file.
+/// Reads a model from the `n` bytes of a file, at most 32 MiB.
 #[no_mangle]
 pub unsafe extern "C" fn gid_model_load_bytes(
     bytes: *const u8,
@@ -144,8 +153,7 @@ pub unsafe extern "C" fn gid_model_load_bytes(
         check_pointer(model, "model")?;
         // SAFETY: as the header says.
         let bytes = unsafe { slice(bytes, n, "bytes") }?;
-        let read = Model::from_bytes(bytes, MAX_FILE_BYTES)
-            .map_err(|error| failed(no_model(&error), format_args!("{error}")))?;
+        let read = Model::from_bytes(bytes, MAX_FILE_BYTES).map_err(|error| no_model(&error, ""))?;
         // SAFETY: as of the caller.
         unsafe { enter(read, model) }
     })
@@ -170,6 +178,7 @@ pub unsafe extern "C" fn gid_model_get_info(model: gid_model, info: *mut gid_mod
             n_axes: model.n_axes(),
             n_samples: model.n_samples(),
             rate_hz: model.rate_hz(),
+            lead_s: model.metadata().lead_s.unwrap_or(f64::NAN),
             synthetic: *synthetic,
         };
         // SAFETY: as the header says.
@@ -187,6 +196,12 @@ pub extern "C" fn gid_model_label(model: gid_model, k: usize) -> *const c_char {
 #[no_mangle]
 pub extern "C" fn gid_model_axis(model: gid_model, k: usize) -> *const c_char {
     text_of(model, k, "axis", |loaded| &loaded.axes)
+}
+
+/// Unit of axis `k`, likewise; empty where the training did not know it.
+#[no_mangle]
+pub extern "C" fn gid_model_unit(model: gid_model, k: usize) -> *const c_char {
+    text_of(model, k, "axis", |loaded| &loaded.units)
 }
 
 fn text_of(model: gid_model, k: usize, what: &str, texts: fn(&Loaded) -> &[CString]) -> *const c_char {

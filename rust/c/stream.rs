@@ -151,7 +151,7 @@ pub unsafe extern "C" fn gid_stream_new(model: gid_model, stream: *mut gid_strea
     })
 }
 
-/// Frees a stream; not while another thread is in a call on it, which is `GID_BUSY`.
+/// Frees a stream; not while another thread is in a call on it: that is `GID_BUSY`, and the stream stays.
 #[no_mangle]
 pub extern "C" fn gid_stream_free(stream: gid_stream) -> gid_status {
     guarded(|| {
@@ -164,24 +164,33 @@ pub extern "C" fn gid_stream_free(stream: gid_stream) -> gid_status {
     })
 }
 
-/// Takes rows, `n` values in all, each row a value per axis in N and N m, until the window is complete. `GID_FULL` if rows are
-/// left then. Real-time: allocates nothing, takes no lock, and the work is bounded for each row.
+/// Takes rows, `n` values in all, each row a value per axis in the units of the model, until the window is complete. `GID_FULL`
+/// if rows are left then: the last row of the window still gives `GID_OK`, so count rows to `n_samples`. Real-time: allocates
+/// nothing, takes no lock, and the work is bounded for each row.
 ///
-/// NaN, infinity and values too large to filter are refused, and with them all rows of the call.
+/// `n` must be a multiple of the model's `n_axes`: six values are two rows of a model of three axes. NaN, infinity and values too
+/// large to compute with are refused, and with them all rows of the call; the sentence counts rows from the first of the call.
 #[no_mangle]
 pub unsafe extern "C" fn gid_stream_push(stream: gid_stream, rows: *const f64, n: usize) -> gid_status {
     guarded(|| {
         let mut held = Held::new(stream)?;
         // SAFETY: as the header says.
         let rows = unsafe { slice(rows, n, "rows") }?;
+        let n_axes = held.stream.model().n_axes();
+        if !n.is_multiple_of(n_axes) {
+            let wanted =
+                format_args!("rows must hold a multiple of {n_axes} values, one for each axis, got {n}");
+            return Err(failed(GID_SIZE, wanted));
+        }
         let n_taken = held.stream.push(rows).map_err(|error| refused(&error))?;
-        let is_full = n_taken * held.stream.model().n_axes() < n;
+        let is_full = n_taken * n_axes < n;
         Ok(if is_full { GID_FULL } else { GID_OK })
     })
 }
 
-/// Decides from the rows so far, provisionally before the window is complete. Real-time: allocates nothing and takes no lock; the
-/// work is that of a label, with multi-band features that of all features.
+/// Decides from the rows so far, provisionally before the window is complete: before the first row the label says nothing about
+/// the push. Real-time: allocates nothing and takes no lock; the work is that of a label, with multi-band features that of all
+/// features.
 #[no_mangle]
 pub unsafe extern "C" fn gid_stream_decide(stream: gid_stream, decision: *mut gid_decision) -> gid_status {
     guarded(|| {

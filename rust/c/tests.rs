@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
 use allocation_counter::measure;
-use granular_id::model::{Features, ModelParts, Tensor};
+use granular_id::model::{Features, ModelParts, Tensor, MAX_FILE_BYTES};
 use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 use granular_id::{BatchShape, Extractor, FeatureSpec, Model};
 
@@ -16,7 +16,7 @@ use crate::extract::{gid_extract, gid_n_features, gid_spec, gid_spec_default};
 use crate::gid_status::*;
 use crate::model::{
     gid_model, gid_model_axis, gid_model_free, gid_model_get_info, gid_model_info, gid_model_label,
-    gid_model_load, gid_model_load_bytes,
+    gid_model_load, gid_model_load_bytes, gid_model_unit,
 };
 use crate::stream::{
     beside_a_call, gid_decision, gid_stream, gid_stream_decide, gid_stream_free, gid_stream_losses,
@@ -55,6 +55,8 @@ fn banded() -> Model {
         ["rice", "salt", "süß"].map(str::to_owned).to_vec(),
     );
     parts.metadata.trained = r#"{"temperature": 0.125, "synthetic": true}"#.to_owned();
+    parts.metadata.units = ["N", "m/s2", ""].map(str::to_owned).to_vec();
+    parts.metadata.lead_s = Some(0.05);
     Model::new(parts).unwrap()
 }
 
@@ -167,7 +169,7 @@ fn real_time_calls_allocate_nothing_also_when_they_fail() {
         let (n_axes, n_samples) = (model.n_axes(), model.n_samples());
         let rows = noise(n_axes * n_samples);
         let (handle, mut losses) = (load(&model), vec![0.0; model.classes().len()]);
-        let stream = stream_of(handle);
+        let (stream, mut text) = (stream_of(handle), [0; 64]);
         let counted = measure(|| {
             for _ in 0..3 {
                 for row in rows.chunks_exact(n_axes) {
@@ -183,6 +185,7 @@ fn real_time_calls_allocate_nothing_also_when_they_fail() {
                 assert_eq!(unsafe { gid_stream_push(stream, null(), 6) }, GID_NULL);
                 assert_eq!(unsafe { gid_stream_losses(stream, losses.as_mut_ptr(), 1) }, GID_SIZE);
                 assert_eq!(push(gid_stream { id: 5 }, &rows), GID_HANDLE);
+                assert!(unsafe { gid_last_error(text.as_mut_ptr(), text.len()) } > 0);
             }
         });
         assert_eq!((counted.count_total, counted.bytes_total, counted.count_current), (0, 0, 0));
@@ -191,15 +194,39 @@ fn real_time_calls_allocate_nothing_also_when_they_fail() {
 }
 
 #[test]
+fn rows_that_are_not_whole_are_refused_with_the_width() {
+    let model = load(&banded());
+    let stream = stream_of(model);
+    assert_eq!(push(stream, &[0.5; 5]), GID_SIZE);
+    assert_eq!(sentence(), "rows must hold a multiple of 3 values, one for each axis, got 5");
+    assert_eq!((decide(stream).n_seen, push(stream, &[0.5; 6]), decide(stream).n_seen), (0, GID_OK, 2));
+    assert_eq!((gid_stream_free(stream), gid_model_free(model)), (GID_OK, GID_OK));
+}
+
+#[test]
 fn model_says_its_labels_axes_and_rate() {
-    let handle = load(&banded());
-    let mut info = gid_model_info { n_classes: 0, n_axes: 0, n_samples: 0, rate_hz: 0.0, synthetic: false };
-    assert_eq!(unsafe { gid_model_get_info(handle, &raw mut info) }, GID_OK);
-    let wanted = gid_model_info { n_classes: 3, n_axes: 3, n_samples: 100, rate_hz: 500.0, synthetic: true };
-    assert_eq!(info, wanted);
+    let info = |handle| {
+        let mut info = std::mem::MaybeUninit::<gid_model_info>::uninit();
+        assert_eq!(unsafe { gid_model_get_info(handle, info.as_mut_ptr()) }, GID_OK);
+        unsafe { info.assume_init() }
+    };
+    let (handle, [no_lead, ..]) = (load(&banded()), models());
+    let wanted = gid_model_info {
+        n_classes: 3,
+        n_axes: 3,
+        n_samples: 100,
+        rate_hz: 500.0,
+        lead_s: 0.05,
+        synthetic: true,
+    };
+    assert_eq!(info(handle), wanted);
+    let no_lead = load(&no_lead);
+    assert!(info(no_lead).lead_s.is_nan());
+    assert_eq!(gid_model_free(no_lead), GID_OK);
     let text = |pointer| unsafe { CStr::from_ptr(pointer) }.to_str().unwrap();
     assert_eq!(text(gid_model_label(handle, 2)), "süß");
     assert_eq!(text(gid_model_axis(handle, 0)), banded().metadata().axes[0]);
+    assert_eq!([0, 1, 2].map(|k| text(gid_model_unit(handle, k))), ["N", "m/s2", ""]);
     assert!(gid_model_label(handle, 3).is_null());
     assert_eq!(sentence(), "label 3 is not one of 0 to 2");
     assert_eq!(gid_model_free(handle), GID_OK);
@@ -220,7 +247,11 @@ fn bad_files_are_refused_with_a_sentence() {
         let path = CString::new(path.to_str().unwrap()).unwrap();
         unsafe { gid_model_load(path.as_ptr(), out) }
     };
+    let large = vec![0; MAX_FILE_BYTES + 1];
+    assert_eq!(unsafe { gid_model_load_bytes(large.as_ptr(), large.len(), out) }, GID_MODEL);
+    assert_eq!(sentence(), "the file has 33554433 bytes; at most 33554432 are read");
     assert_eq!(read(&data("rules/answers.txt")), GID_MODEL);
+    assert!(sentence().contains("answers.txt: "), "{}", sentence());
     assert_eq!(read(&data("nowhere")), GID_FILE);
     assert!(sentence().contains("nowhere: "), "{}", sentence());
     assert_eq!(read(&data("rules/model.safetensors")), GID_OK);

@@ -3,11 +3,11 @@
 //
 // A model is loaded from a file. A stream takes rows, one value per axis, and decides:
 //
-//     gid_model model;
-//     gid_stream stream;
-//     if (gid_model_load("kitchen.safetensors", &model) || gid_stream_new(model, &stream)) { ... gid_last_error ... }
-//     gid_stream_push(stream, row, 6);      // each 2 ms, from the onset of the push on
-//     gid_stream_decide(stream, &decision); // gid_model_label(model, decision.label)
+//     if (gid_model_load("kitchen.safetensors", &model) || gid_model_get_info(model, &info) ||
+//         gid_stream_new(model, &stream) || info.n_axes != 6) { ... gid_last_error ... }
+//     gid_stream_push(stream, lead, n_lead * 6); // at the onset: the newest rows of rest, info.lead_s * info.rate_hz of them
+//     gid_stream_push(stream, row, 6);           // then each 2 ms a row, until there are info.n_samples
+//     gid_stream_decide(stream, &decision);      // an index: gid_model_label(model, k) before the loop or behind it
 //
 // Pointers lead to as many values as the length beside them says; arrays of one call do not overlap. Null, misaligned
 // pointers, lengths that do not fit and handles that were freed are refused. What no check can see: a pointer to freed
@@ -19,12 +19,14 @@
 // other thread may still read them. After fork, a child must not use what another thread was using, nor any model if one was
 // being loaded or freed.
 //
-// Real-time: gid_stream_push, _decide, _losses and _reset allocate nothing and take no lock, also when they fail; all others
-// belong before the loop or behind it. Before the loop, lock the memory (mlockall), push a window of zeros, decide and reset:
-// pages are mapped then. If the library came by dlopen, call gid_last_error once in the thread: its memory is allocated then.
+// Real-time: gid_stream_push, _decide, _losses and _reset, and gid_last_error, allocate nothing and take no lock, also when they
+// fail; all others belong before the loop or behind it. Before the loop, lock the memory (mlockall), push a window of zeros,
+// decide and reset: pages are mapped then. If the library came by dlopen, call gid_last_error once in the thread of the loop: the
+// memory of its sentences is allocated then.
 //
-// Floating point: results have the bits of the Python package in the default environment of IEEE 754. A program that rounds
-// otherwise, or flushes subnormal numbers to zero (gcc -ffast-math when it links), gets others.
+// Floating point: labels, losses, margins and candidates have the bits of the Python package in the default environment of IEEE
+// 754; a probability may differ in its last digits. A program that rounds otherwise, or flushes subnormal numbers to zero (gcc
+// -ffast-math when it links), gets others.
 //
 // This file is generated from rust/c: do not edit it.
 
@@ -112,6 +114,9 @@ typedef struct {
     size_t n_samples;
     // Rows in a second.
     double rate_hz;
+    // Seconds of rest before the onset with which each recording of the training begins; NaN where they do not say, or
+    // differ. A window begins with the rows of this rest.
+    double lead_s;
     // Whether simulated recordings trained it: its answers say nothing about real materials.
     bool synthetic;
 } gid_model_info;
@@ -172,7 +177,7 @@ gid_status gid_extract(const gid_spec *spec, const double *rows, size_t n, doubl
 // Windows, any bytes elsewhere.
 gid_status gid_model_load(const char *path, gid_model *model);
 
-// Reads a model from the `n` bytes of a file.
+// Reads a model from the `n` bytes of a file, at most 32 MiB.
 gid_status gid_model_load_bytes(const uint8_t *bytes, size_t n, gid_model *model);
 
 // Frees a model and its strings. Streams made with it go on.
@@ -187,20 +192,26 @@ const char *gid_model_label(gid_model model, size_t k);
 // Name of axis `k`, likewise.
 const char *gid_model_axis(gid_model model, size_t k);
 
+// Unit of axis `k`, likewise; empty where the training did not know it.
+const char *gid_model_unit(gid_model model, size_t k);
+
 // Makes a stream before its first row, and all the memory that it will need.
 gid_status gid_stream_new(gid_model model, gid_stream *stream);
 
-// Frees a stream; not while another thread is in a call on it, which is `GID_BUSY`.
+// Frees a stream; not while another thread is in a call on it: that is `GID_BUSY`, and the stream stays.
 gid_status gid_stream_free(gid_stream stream);
 
-// Takes rows, `n` values in all, each row a value per axis in N and N m, until the window is complete. `GID_FULL` if rows are
-// left then. Real-time: allocates nothing, takes no lock, and the work is bounded for each row.
+// Takes rows, `n` values in all, each row a value per axis in the units of the model, until the window is complete. `GID_FULL`
+// if rows are left then: the last row of the window still gives `GID_OK`, so count rows to `n_samples`. Real-time: allocates
+// nothing, takes no lock, and the work is bounded for each row.
 //
-// NaN, infinity and values too large to filter are refused, and with them all rows of the call.
+// `n` must be a multiple of the model's `n_axes`: six values are two rows of a model of three axes. NaN, infinity and values too
+// large to compute with are refused, and with them all rows of the call; the sentence counts rows from the first of the call.
 gid_status gid_stream_push(gid_stream stream, const double *rows, size_t n);
 
-// Decides from the rows so far, provisionally before the window is complete. Real-time: allocates nothing and takes no lock; the
-// work is that of a label, with multi-band features that of all features.
+// Decides from the rows so far, provisionally before the window is complete: before the first row the label says nothing about
+// the push. Real-time: allocates nothing and takes no lock; the work is that of a label, with multi-band features that of all
+// features.
 gid_status gid_stream_decide(gid_stream stream, gid_decision *decision);
 
 // The mean loss of each class into `losses`, which has room for `n` values, as many as there are classes. Real-time as

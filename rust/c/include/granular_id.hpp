@@ -3,13 +3,18 @@
 //
 //     const granular_id::Model model("kitchen.safetensors");    // throws granular_id::Error
 //     granular_id::Stream stream(model);                        // throws granular_id::Error
-//     if (stream.push(row) == GID_FULL) {                       // from here on nothing throws
-//         granular_id::Decision decision;
-//         if (stream.decide(decision) == GID_OK) { act_on(decision.label); } // model.label takes a lock
+//     granular_id::Decision decision;
+//     // In the loop, where nothing throws; n_seen counts rows, from those of the rest before the onset on:
+//     if (stream.push(row) == GID_OK && ++n_seen == model.info().n_samples) {
+//         if (stream.decide(decision) == GID_OK) { act_on(decision.label); } // model.label takes a lock, last_error allocates
 //         stream.reset();
 //     }
 #ifndef GRANULAR_ID_HPP
 #define GRANULAR_ID_HPP
+
+#if __cplusplus < 201703L && !(defined(_MSVC_LANG) && _MSVC_LANG >= 201703L)
+#error "granular_id.hpp needs C++17: -std=c++17 or later"
+#endif
 
 #include <cstddef>
 #include <cstdint>
@@ -106,11 +111,12 @@ public:
         check(gid_model_load_bytes(bytes.data(), bytes.size(), &handle_));
         finish();
     }
-    // Numbers of labels, of axes and of rows of a window; rate; whether simulated recordings trained it.
+    // Numbers of labels, of axes and of rows of a window; rate; rest before the onset; whether simulated recordings trained it.
     [[nodiscard]] const gid_model_info &info() const noexcept { return info_; }
-    // Label k and the name of axis k, until the model ends; empty beyond the last.
+    // Label k, name and unit of axis k, until the model ends; empty beyond the last.
     [[nodiscard]] std::string_view label(std::size_t k) const noexcept { return text(gid_model_label(handle_, k)); }
     [[nodiscard]] std::string_view axis(std::size_t k) const noexcept { return text(gid_model_axis(handle_, k)); }
+    [[nodiscard]] std::string_view unit(std::size_t k) const noexcept { return text(gid_model_unit(handle_, k)); }
 
 private:
     void finish() { check(gid_model_get_info(handle_, &info_)); }
@@ -118,12 +124,12 @@ private:
     gid_model_info info_{};
 };
 
-// Rows in, decisions out, for one thread at a time. It goes on when its model has ended. No other thread may be in a call when
-// it ends: it would not be freed.
+// Rows in, decisions out, for one thread at a time. It goes on when its model has ended. Join the
+// threads that call it before it ends: where one is in a call then, the stream is not freed, and stays one of GID_MAX_STREAMS.
 class Stream : public Owned<gid_stream, gid_stream_free> {
 public:
     explicit Stream(const Model &model) { check(gid_stream_new(model.handle(), &handle_)); }
-    // Takes rows, a value per axis each, until the window is complete; GID_FULL if rows are left.
+    // Takes rows, a value per axis each, until the window is complete; GID_FULL if rows are left. Any multiple of n_axes fits.
     [[nodiscard]] gid_status push(View<const double> rows) noexcept {
         return gid_stream_push(handle_, rows.data(), rows.size());
     }

@@ -113,6 +113,7 @@ fuzz_target!(|data: &[u8]| {
                     assert!(status != GID_HANDLE || gid_model_label(model, k).is_null());
                     let axis = gid_model_axis(model, k);
                     assert!(axis.is_null() || *axis != 0);
+                    assert_eq!(gid_model_unit(model, k).is_null(), axis.is_null());
                     status
                 }
                 7 => {
