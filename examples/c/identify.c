@@ -3,8 +3,8 @@
 //     cc identify.c -o identify $(pkg-config --cflags --libs granular_id)
 //     ./identify kitchen.safetensors < push.csv
 //
-// The first line of the CSV names columns; those with the names of the model's axes (fx ... tz, in N and N m) are used, in any
-// order. A line is a row; there must be a window of them, at the rate of the model.
+// The first line of the CSV names columns; those with the names of the model's axes (fx ... tz, in its units: N and N m) are used,
+// in any order. A line is a row; there must be a window of them, at the rate of the model, the rest before the push included.
 
 #include <ctype.h>
 #include <stdio.h>
@@ -15,8 +15,12 @@
 
 enum { MOST_AXES = 256, LINE_BYTES = 65536 };
 
+static size_t n_lines; // read so far
+
 static int fail(const char *what) {
-    fprintf(stderr, "identify: %s\n", what);
+    fprintf(stderr, "identify: ");
+    if (n_lines > 0) { fprintf(stderr, "line %zu: ", n_lines); }
+    fprintf(stderr, "%s\n", what);
     return 1;
 }
 
@@ -38,18 +42,21 @@ static char *next_cell(char **rest) {
     return cell;
 }
 
-// Which column each axis of the model is in.
+// Which column each axis of the model is in: zero if one has none, or two.
 static int find_columns(gid_model model, size_t n_axes, char *header, size_t *columns) {
-    size_t column = 0, found = 0;
+    size_t column = 0, n_found = 0;
+    int found[MOST_AXES] = {0};
     for (char *name; (name = next_cell(&header)) != NULL; ++column) {
         for (size_t axis = 0; axis < n_axes; ++axis) {
             if (strcmp(name, gid_model_axis(model, axis)) == 0) {
+                if (found[axis]) { return 0; }
+                found[axis] = 1;
                 columns[axis] = column;
-                ++found;
+                ++n_found;
             }
         }
     }
-    return found == n_axes;
+    return n_found == n_axes;
 }
 
 static int read_row(char *line, size_t n_axes, const size_t *columns, double *row) {
@@ -95,9 +102,10 @@ int main(int argc, char **argv) {
     }
     if (info.synthetic) { puts("SYNTHETIC: simulated recordings trained this model"); }
     if (!fgets(line, sizeof line, stdin) || !find_columns(model, info.n_axes, line, columns)) {
-        return fail("the first line must name a column for each axis of the model");
+        return fail("the first line must name one column for each axis of the model");
     }
-    while (fgets(line, sizeof line, stdin)) {
+    for (n_lines = 1; fgets(line, sizeof line, stdin);) {
+        ++n_lines;
         if (!read_row(line, info.n_axes, columns, row)) { return fail("a line does not hold a number for each axis"); }
         switch (gid_stream_push(stream, row, info.n_axes)) {
         case GID_OK: break;

@@ -1,6 +1,7 @@
 """The C and C++ interfaces: compiled by the system's compiler, with the answers of the package bit for bit."""
 
 import json
+import math
 import os
 import shutil
 import struct
@@ -128,6 +129,7 @@ def test_example_in_c_names_a_recording_of_a_csv_file(compiled, model, model_fil
     for broken in (
         "",
         text.replace("fx", "gx"),
+        text.replace("tz", "tx"),
         text[: len(text) // 2],
         f"{text}\n{rows[0]}",
         "\n".join([text, "1,x"]),
@@ -138,16 +140,36 @@ def test_example_in_c_names_a_recording_of_a_csv_file(compiled, model, model_fil
         assert (done.returncode, done.stderr[:10]) == (1, "identify: ")
 
 
-def test_example_in_cpp_keeps_a_loop_and_names_the_material(compiled, model, model_file):
-    printed = run(compiled("examples/c/control_loop.cpp"), model_file, 1.1).splitlines()
-    assert [line.split(":")[0] for line in printed] == [
-        "pushes",
-        "decisions",
-        "deadlines missed",
-        "last label",
-    ]
-    assert " 550," in printed[0]
-    assert printed[3].removeprefix("last label: ") in model.classes
+def rows_of_fake_sensor(n, n_rest, n_push):
+    """What the fake sensor of control_loop.cpp reads."""
+    state, rows = 1, np.empty((n, 6))
+    for k in range(n):
+        moves = k % (n_rest + n_push) >= n_rest
+        for axis in range(6):
+            state = (6364136223846793005 * state + 1442695040888963407) % 2**64
+            noise = (state >> 11) / 2**52 - 1.0
+            rows[k, axis] = math.sin(1e-3 * k + axis) + 0.5 * noise if moves else 0.01 * noise
+    return rows
+
+
+@pytest.mark.parametrize("lead_s", [None, 0.1])
+def test_example_in_cpp_answers_as_python_with_the_rest(compiled, model, pushes, lead_s, tmp_path):
+    """The window begins with the rest before the onset: as long as the model says, or 0.25 s."""
+    if lead_s is not None:
+        data = pushes.align(trigger="recorded", lead_s=lead_s, duration_s=0.35)
+        model = gid.Identifier.fit(data, model.space)
+    assert model.lead_s == lead_s
+    model.save(tmp_path / "model.safetensors")
+    printed = run(compiled("examples/c/control_loop.cpp", "-Wconversion"), tmp_path / "model.safetensors", 1.5)
+    names, texts = zip(*(line.split(": ", 1) for line in printed.splitlines()), strict=True)
+    assert names == ("onsets", "pushes", "decisions", "deadlines missed", "last push")
+    n_lead = round(500 * (lead_s or 0.25))
+    n_cycle = model.n_samples + 50
+    rows = rows_of_fake_sensor(750 // n_cycle * n_cycle, n_lead + 50, model.n_samples - n_lead)
+    decision = model.identify(rows[-model.n_samples :])
+    unknown = "unknown, nearest " if decision.unknown else ""
+    assert texts[-1] == f"{unknown}{decision.label}, margin {decision.margin:.6f}"
+    assert texts[2].startswith(f"{750 // n_cycle}, ")
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="preloads what counts, for glibc")
@@ -165,7 +187,7 @@ def test_loop_allocates_nothing_and_takes_no_lock(compiled, model_file, tmp_path
         counter,
     )
     counts = []
-    for seconds in ("0.6", "1.6"):
+    for seconds in ("0.7", "1.9"):
         words, environment = [program, model_file, seconds], os.environ | {"LD_PRELOAD": str(counter)}
         done = subprocess.run(words, check=True, capture_output=True, text=True, env=environment)
         counts.append(done.stderr.splitlines()[-1])
@@ -193,7 +215,7 @@ def test_only_functions_with_the_prefix_are_exported(prefix):
     lines = run("nm", option, "--defined-only", library).splitlines()
     names = {line.split()[-1].removeprefix("_") for line in lines}
     header = (prefix / "include" / "granular_id.h").read_text(encoding="utf-8")
-    assert len(names) == 17
+    assert len(names) == 18
     assert all(f"{name}(" in header for name in names)
 
 
@@ -202,8 +224,18 @@ def test_first_program_of_the_docs_names_a_recording(compiled, model, model_file
     (text,) = (block.text for block in blocks_of(ROOT / "docs" / "guide" / "c.md") if block.kind == "cpp")
     (tmp_path / "first.cpp").write_text(text, encoding="utf-8")
     rows = " ".join(map(repr, pushes.X[0].ravel().tolist()))
-    printed = run(compiled(str(tmp_path / "first.cpp")), model_file, input=rows)
+    program = compiled(str(tmp_path / "first.cpp"))
+    printed = run(program, model_file, input=rows)
     assert printed.rstrip().endswith(model.identify(pushes.X[0]).label)
+    bad = {rows[: len(rows) // 2]: "250 rows of 6 numbers", rows.replace(" ", ","): "row 0", f"nan {rows}": "row 0"}
+    for text, wanted in bad.items():
+        done = subprocess.run(
+            [program, model_file], check=False, capture_output=True, text=True, input=text
+        )
+        assert done.returncode == 1
+        assert wanted in done.stderr
+    done = subprocess.run([program], check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (1, "usage: first MODEL.safetensors < ROWS\n")
 
 
 @ONE_MODEL
@@ -214,7 +246,7 @@ def test_pkg_config_finds_the_library(prefix, model_file, tmp_path):
     program, flags = tmp_path / "loop", run(*words, env=environment).split()
     source = ROOT / "examples" / "c" / "control_loop.cpp"
     run("c++", "-std=c++17", source, "-o", program, *flags, f"-Wl,-rpath,{prefix / 'lib'}", "-pthread")
-    assert "last label" in run(program, model_file, 1.1)
+    assert "last push" in run(program, model_file, 1.1)
     assert run("pkg-config", "--modversion", "granular_id", env=environment).strip() == gid.__version__
 
 
@@ -239,4 +271,36 @@ def test_cmake_finds_the_library(prefix, model_file, tmp_path):
     run("cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={prefix}")
     run("cmake", "--build", tmp_path / "build")
     for kind in ("granular_id", "static"):
-        assert "last label" in run(tmp_path / "build" / f"loop_{kind}", model_file, 1.1)
+        assert "last push" in run(tmp_path / "build" / f"loop_{kind}", model_file, 1.1)
+
+
+def test_cmake_takes_versions_of_the_same_minor(prefix, tmp_path):
+    needs("cmake")
+    made = prefix / "lib" / "cmake" / "granular_id" / "granular_id-config-version.cmake"
+    folder = tmp_path / "lib" / "cmake" / "granular_id"
+    folder.mkdir(parents=True)
+    text = made.read_text().replace(f"set(PACKAGE_VERSION {gid.__version__})", "set(PACKAGE_VERSION 1.2.3)")
+    (folder / made.name).write_text(text)
+    (folder / "granular_id-config.cmake").touch()
+    wanted = {"": 1, "1.2": 1, "1.2.0": 1, "1.2.3": 1, "1.2.3 EXACT": 1, "1.2.2 EXACT": 0}
+    wanted |= dict.fromkeys(["1.2.4", "1.1", "1.3", "1.20", "2.2", "0.0.9", "1"], 0)
+    script = "".join(
+        f"find_package(granular_id {version} QUIET CONFIG)\nmessage(STATUS ${{granular_id_FOUND}})\n"
+        for version in wanted
+    )
+    (tmp_path / "find.cmake").write_text(script)
+    printed = run("cmake", f"-DCMAKE_PREFIX_PATH={tmp_path}", "-P", tmp_path / "find.cmake")
+    assert printed.split() == [word for found in wanted.values() for word in ("--", str(found))]
+
+
+def test_install_without_a_library_is_refused(tmp_path):
+    script, environment = ROOT / "rust" / "c" / "install.sh", {**os.environ, "CARGO_TARGET_DIR": str(tmp_path)}
+    for build in ((), (tmp_path / "nowhere",)):
+        words = [script, tmp_path / "prefix", *build]
+        done = subprocess.run(words, check=False, capture_output=True, text=True, env=environment)
+        assert (done.returncode, f"no libgranular_id_c in {tmp_path}" in done.stderr) == (1, True)
+        assert not (tmp_path / "prefix").exists()
+    (tmp_path / "release").mkdir()
+    (tmp_path / "release" / "libgranular_id_c.a").touch()
+    run(script, tmp_path / "prefix", env=environment)
+    assert (tmp_path / "prefix" / "lib" / "libgranular_id_c.a").exists()
