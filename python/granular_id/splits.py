@@ -543,10 +543,10 @@ def choice_folds(
 ) -> ChoiceFolds:
     """Split training rows, with the class and the groups of each, into folds that make a choice.
 
-    The rule of `hold_out`: whole conditions, or sessions, where half of the classes have two; else halves in order; else
-    random folds, drawn anew until 500 rows were held out, at most 10 times. The single row of a class always trains.
-    Rows that share samples with a tested one, or its number in `copies`, do not train. A fold that leaves a class
-    nothing to train on is none, and where fewer than two classes have two rows there are no folds.
+    The rule of `hold_out`: whole conditions, or sessions, where half of the classes have two; else halves in order;
+    else random folds, drawn anew until 500 rows were held out, at most 10 times. The single row of a class always
+    trains. Rows that share samples with a tested one, or its number in `copies`, do not train. A fold that leaves a
+    class nothing to train on is none, and where fewer than two classes have two rows there are no folds.
     """
     drawn, folds = _drawn_to_choose(codes, groups, whole_number("n_folds", n_folds, least=2), seed), []
     for train, test in drawn.folds:
