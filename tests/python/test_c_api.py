@@ -45,7 +45,9 @@ def prefix(tmp_path_factory):
     """Where the library is installed, as cargo builds it for the other tests."""
     for program in ("cargo", "cc", "c++"):
         needs(program)
-    words = ("cargo", "build", "--quiet", "--package", "granular-id-c", "--message-format=json")
+    # With the features of the core that the other tests build, which are then built once.
+    packages = ("--package", "granular-id", "--package", "granular-id-c")
+    words = ("cargo", "build", "--quiet", *packages, "--message-format=json")
     made = [json.loads(line) for line in run(*words, cwd=ROOT).splitlines()]
     files = next(line["filenames"] for line in made if line.get("target", {}).get("name") == "granular_id_c")
     folder = tmp_path_factory.mktemp("prefix")

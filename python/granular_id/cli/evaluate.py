@@ -67,8 +67,8 @@ def evaluate(
     (`rice/01.csv`), files named after it (`rice_01.csv`), or an `index.csv`. Forces are in N, torques in N m.
 
     The headline is the space that stands first, on what new recordings will not share: whole sessions held out,
-    or halves in the order of time or files, or a condition. Beside it as many recordings are drawn at random, which flatters a
-    method that recognises the session. Baselines, in brackets, are had without touching the material.
+    or halves in the order of time or files, or a condition. Beside it as many recordings are drawn at random, which
+    flatters a method that recognises the session. Baselines, in brackets, are had without touching the material.
 
     Exit code 3: something spoils the figures, such as a clock that names the label; `--accept NAME` says that it is
     known.

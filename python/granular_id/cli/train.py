@@ -60,8 +60,8 @@ def train(
     """Train a model on all recordings and write it into one file.
 
     `granular-id identify` and `granular-id live` use it. What may be expected of it is measured on recordings that are
-    held out, as strictly as they allow: whole sessions, else halves in the order of time or files, else random folds. They also set
-    from which margin on an answer may be given before the push is over.
+    held out, as strictly as they allow: whole sessions, else halves in the order of time or files, else random folds.
+    They also set from which margin on an answer may be given before the push is over.
 
     Examples:
 
