@@ -77,7 +77,8 @@ public:
     void print(const char *what) {
         if (all_.empty()) { return; }
         std::sort(all_.begin(), all_.end());
-        const auto at = [this](double share) { return all_[static_cast<std::size_t>(share * static_cast<double>(all_.size() - 1))]; };
+        const auto last = static_cast<double>(all_.size() - 1);
+        const auto at = [this, last](double share) { return all_[static_cast<std::size_t>(share * last)]; };
         std::printf("%s: %zu, median %.2f us, p99.9 %.2f us, worst %.2f us\n", what, all_.size(), at(0.5), at(0.999), at(1));
     }
 

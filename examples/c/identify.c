@@ -3,8 +3,9 @@
 //     cc identify.c -o identify $(pkg-config --cflags --libs granular_id)
 //     ./identify kitchen.safetensors < push.csv
 //
-// The first line of the CSV names columns; those with the names of the model's axes (fx ... tz, in its units: N and N m) are used,
-// in any order. A line is a row; there must be a window of them, at the rate of the model, the rest before the push included.
+// The first line of the CSV names columns; those with the names of the model's axes (fx ... tz, in its units: N and N m) are
+// used, in any order. A line is a row; there must be a window of them at the rate of the model, the rest before the push
+// included.
 
 #include <ctype.h>
 #include <stdio.h>

@@ -1,7 +1,7 @@
 //! Streams: rows in, decisions out, callable from a real-time loop.
 //!
-//! The table of streams has no lock. Each place says whether it is empty, idle or busy, and which of the streams it has held is there
-//! now; a call makes an idle place busy, or ends. It never waits.
+//! The table of streams has no lock. Each place says whether it is empty, idle or busy, and which of the streams it has held is
+//! there now; a call makes an idle place busy, or ends. It never waits.
 
 use std::cell::UnsafeCell;
 use std::ops::{Deref, DerefMut};
