@@ -62,6 +62,14 @@ class Commands(TyperGroup):
             sys.exit(getattr(error, "exit_code", BAD_INPUT))
         sys.exit(code if isinstance(code, int) else 0)
 
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command: Ctrl-C, also before it has begun, ends with 130."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            show(str(stop) or "Interrupted: no file was left half-written.", "yellow", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+
 
 class Command(TyperCommand):
     """A command whose refusals are one message and an exit code; anything else is a bug and shows its traceback."""
@@ -73,14 +81,11 @@ class Command(TyperCommand):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run it: bad input ends with 2, a missing extra with 1, Ctrl-C with 130."""
+        """Run it: bad input ends with 2, a missing extra with 1."""
         before = warnings.showwarning, sys.unraisablehook
         warnings.showwarning, sys.unraisablehook = _show_warning, raise_again
         try:
             return super().invoke(ctx)
-        except KeyboardInterrupt as stop:
-            show(str(stop) or "Interrupted: no file was left half-written.", "yellow", err=True)
-            raise typer.Exit(INTERRUPTED) from None
         except (GranularIdError, OSError, ImportError) as error:
             # An ImportError with a name is a broken installation, not one of ours that says what to install.
             if isinstance(error, ImportError) and error.name is not None:

@@ -255,6 +255,9 @@ def _read(pandas: Any, head: _Head, n_rows: int | None = None) -> Any:
         byte = f"byte 0x{error.object[error.start]:02x} is not UTF-8 text; pass "
         raise RecordingFileError(head.path, (byte, encoding, ", or what it was written in")) from error
     except (Warning, Exception) as error:
+        if "Calling read(nbytes) on source failed" in str(error):
+            # what pandas makes of an exception without a value: below Python 3.12 that of Ctrl-C alone is one
+            raise KeyboardInterrupt from error
         reason = str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__
         way_out: list[str] = []
         if re.search(r"Expected \d+ fields in line \d+, saw", reason):

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from cli_cases import run, started
+from cli_cases import run, saved, started
 from granular_id import save
 from granular_id._text import install
 from granular_id.synthetic import synthesize
@@ -98,6 +98,32 @@ def test_ctrl_c_leaves_neither_files_nor_folders(tmp_path, monkeypatch, words, b
     assert running.returncode == 130
     assert errors.splitlines()[-1] == "Interrupted: no file was left half-written."
     assert list((tmp_path / "out").iterdir()) == []
+
+
+READING = """
+import os, signal, sys, threading, time
+from granular_id.io import load
+
+load(sys.argv[1])
+begun_s = time.monotonic()
+load(sys.argv[1])
+took_s = time.monotonic() - begun_s
+for k in range(60):
+    try:
+        threading.Timer(took_s * k / 60, os.kill, (os.getpid(), signal.SIGINT)).start()
+        data = load(sys.argv[1], on_error="skip")
+        time.sleep(took_s)
+    except KeyboardInterrupt:
+        continue
+    print(data.history[-1])
+"""
+
+
+def test_ctrl_c_while_files_are_read_makes_none_bad(tmp_path):
+    data = synthesize(["rice"], n_per_class=8)
+    running = started(saved(data, tmp_path / "pushes"), code=READING)
+    assert running.communicate(timeout=60) == ("", "")
+    assert running.returncode == 0
 
 
 # -- on a terminal
