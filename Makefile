@@ -177,7 +177,7 @@ nightly-threads: .venv/.tools
 ##   campaign      the long form of tests: simulations of 500 data sets, 100 forks, damaged files, killed archives
 nightly-campaign: .venv/.tools
 	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/core/test_signal_properties.py -k campaign -s
-	GRANULAR_ID_CASES=3000 $(BIN)/python -m pytest tests/python/core/test_features.py -k campaign -s
+	GRANULAR_ID_CASES=3000 $(BIN)/python -m pytest tests/python/core/test_features.py -k scipy
 	GRANULAR_ID_CASES=500 $(BIN)/python -m pytest tests/python/evaluation/test_simulations.py -s
 	GRANULAR_ID_FORKS=100 $(BIN)/python -m pytest tests/python/core/test_fork.py
 	GRANULAR_ID_CASES=1500 $(BIN)/python -m pytest tests/python/io/test_bad_files.py -k damaged

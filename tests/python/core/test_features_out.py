@@ -1,11 +1,10 @@
 """Where features are written: any good output is filled, any other is refused, and the input stays as it is."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import features_twin as twin
-from array_kinds import Interface, Subclass, misaligned, read_only
+from array_kinds import Subclass, misaligned, read_only
 from granular_id.features import extract_features
 
 X = np.random.default_rng(21).standard_normal((5, 24, 6))
@@ -14,26 +13,14 @@ N = 744
 BAD_OUT = {
     "too long": (np.zeros((5, N + 1)), ValueError, r"out must have shape \(5, 744\), got \(5, 745\)"),
     "flat": (np.zeros(5 * N), ValueError, r"out must have shape \(5, 744\), got \(3720,\)"),
-    "rank 3": (np.zeros((1, 5, N)), ValueError, r"out must have shape \(5, 744\), got \(1, 5, 744\)"),
-    "0-d": (np.zeros(()), ValueError, r"out must have shape \(5, 744\), got \(\)"),
     "strided": (np.zeros((5, 2 * N))[:, ::2], ValueError, "out must be C-contiguous"),
-    "strided rows": (np.zeros((10, N))[::2], ValueError, "out must be C-contiguous"),
-    "reversed": (np.zeros((5, N))[::-1], ValueError, "out must be C-contiguous"),
     "Fortran": (np.zeros((5, N), order="F"), ValueError, "out must be C-contiguous"),
     "read-only": (read_only(np.zeros((5, N))), ValueError, "out must be writable"),
-    "broadcast": (np.broadcast_to(0.0, (5, N)), ValueError, "out must be"),
     "misaligned": (misaligned(np.zeros((5, N))), ValueError, "out must be aligned"),
     "float32": (np.zeros((5, N), np.float32), TypeError, "out must be a float64 array .* got float32"),
     "byte-swapped": (np.zeros((5, N), ">f8"), TypeError, "out must be a float64 array"),
-    "int64": (np.zeros((5, N), int), TypeError, "out must be a float64 array .* got int64"),
-    "long double": (np.zeros((5, N), np.longdouble), TypeError, "out must be a float64 array"),
-    "complex": (np.zeros((5, N), complex), TypeError, "out must be a float64 array .* got complex128"),
-    "object": (np.zeros((5, N), object), TypeError, "out must be a float64 array .* got object"),
-    "structured": (np.zeros((5, N), "f8,f8"), TypeError, "out must be a float64 array"),
     "list": ([[0.0] * N] * 5, TypeError, "out must be a float64 array .* got .*list"),
-    "dtype": (np.float32, TypeError, "out must be a float64 array"),
     "buffer": (bytearray(5 * N * 8), TypeError, "out must be a float64 array .* got .*bytearray"),
-    "data frame": (pd.DataFrame(np.zeros((5, N))), TypeError, "out must be a float64 array"),
     "masked": (np.ma.masked_all((5, N)), TypeError, "out must be a plain array"),
 }
 
@@ -67,26 +54,13 @@ def overlapping(kind):
     wrench, out = base[:120].reshape(20, 6), base[:720]
     if kind == "the last number":
         wrench = base[719:839].reshape(20, 6)
-    elif kind == "stride tricks":
-        wrench = np.lib.stride_tricks.as_strided(base, (20, 6), (48, 8))
     elif kind == "two views of one buffer":
         buffer = bytearray(16_000)
         wrench, out = np.frombuffer(buffer)[:120].reshape(20, 6), np.frombuffer(buffer)[:720]
-    elif kind == "array interface":
-        wrench = np.asarray(Interface(base))[:120].reshape(20, 6)
     return wrench, out
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        "the same array",
-        "the last number",
-        "stride tricks",
-        "two views of one buffer",
-        "array interface",
-    ],
-)
+@pytest.mark.parametrize("kind", ["the same array", "the last number", "two views of one buffer"])
 def test_an_output_over_the_input_is_refused(kind):
     wrench, out = overlapping(kind)
     assert np.shares_memory(wrench, out)
@@ -115,10 +89,7 @@ def test_an_output_beside_the_input_is_fine():
         ({"threads": 2.0}, TypeError, "threads must be an integer .*got .*float"),
         ({"dtype": np.float16}, TypeError, "dtype must be float64 or float32"),
         ({"dtype": ">f8"}, TypeError, "dtype must be float64 or float32, got .>f8"),
-        ({"dtype": complex}, TypeError, "dtype must be float64 or float32"),
-        ({"dtype": "f8,f8"}, TypeError, "dtype must be float64 or float32"),
         ({"dtype": "double precision"}, TypeError, "dtype must be"),
-        ({"dtype": 64}, TypeError, "dtype must be"),
     ],
 )
 def test_bad_threads_and_types(arguments, error, message):

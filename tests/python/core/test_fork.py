@@ -104,15 +104,6 @@ def test_children_of_joblib_finish_a_batch_like_their_parents():
 
 
 @needs_fork
-def test_several_children_at_once():
-    context = multiprocessing.get_context("fork")
-    wanted = work.batch_digest()
-    with context.Pool(3) as pool:
-        tasks = [pool.apply_async(work.batch_digest, (0, threads)) for threads in (2, 3, 2, 1, 4, 2)]
-        assert [task.get(timeout=HANGS_S) for task in tasks] == [wanted] * 6
-
-
-@needs_fork
 @pytest.mark.parametrize("methods_of_both", [("fork", "fork"), ("fork", "spawn"), ("spawn", "fork")])
 def test_a_child_of_a_child(methods_of_both):
     first, second = (multiprocessing.get_context(method) for method in methods_of_both)

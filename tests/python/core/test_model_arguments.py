@@ -80,12 +80,6 @@ def test_the_bad_recording_of_a_batch_is_named():
         made().scores(wrench, threads=2)
 
 
-@pytest.mark.parametrize("threads", [0, 1.5])
-def test_threads_are_at_least_one(threads):
-    with pytest.raises((TypeError, ValueError), match="threads must be an integer"):
-        made().scores(np.zeros((1, 3, 1)), threads)
-
-
 @pytest.mark.parametrize(
     ("scores", "message"),
     [

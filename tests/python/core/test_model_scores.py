@@ -4,8 +4,6 @@
 of the paper's size.
 """
 
-import os
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -14,7 +12,6 @@ import model_twin as twin
 from effort import cases
 from granular_id._core import FeatureSpec
 from granular_id.ecoc import LOSSES, decode, onevsone
-from granular_id.features import extract_features
 from model_cases import random_model
 from model_twin import bits
 
@@ -61,26 +58,6 @@ def test_scores_any_batch_and_threads_have_the_same_bits():
         assert_same_bits(model.scores(wrench[i]), scores[i : i + 1])
     assert_same_bits(model.scores(wrench[::-1])[::-1], scores)
     assert_same_bits(model.scores(np.asfortranarray(wrench)), scores)
-
-
-def test_campaign():
-    """Recordings of the paper's size: scores to the bit, labels, and near to one matrix product."""
-    n = cases(4)
-    model = random_model(4, 11, 1600, 6, scale=0.01)
-    rng = np.random.default_rng(5)
-    apart = 0.0
-    for start in range(0, n, 400):
-        wrench = rng.normal(size=(min(400, n - start), 1600, 6))
-        scores = model.scores(wrench)
-        assert_same_bits(scores, twin.scores(model, wrench))
-        values = decode(scores, model.coding_matrix)
-        assert_same_bits(-model.losses(scores), values)
-        np.testing.assert_array_equal(model.losses(scores).argmin(axis=1), values.argmax(axis=1))
-        product = extract_features(wrench) @ model.coef.T + model.intercept
-        apart = max(apart, float(np.abs(scores - product).max()))
-    assert apart < 1e-9
-    if "GRANULAR_ID_CASES" in os.environ:
-        print(f"{n} recordings: 0 differing bits, at most {apart:.1e} from a matrix product")
 
 
 def random_scores(rng, n, n_learners):

@@ -1,4 +1,4 @@
-"""Extraction from many threads at once: every thread gets its own result, and others run meanwhile."""
+"""Extraction, streams and buffers in many threads at once: each gets its own result, and others run meanwhile."""
 
 import sys
 import threading
@@ -11,6 +11,7 @@ import pytest
 import features_twin as twin
 from core_cases import N_THREADS, at_once
 from granular_id import StreamingExtractor
+from granular_id._core import WrenchBuffer
 from granular_id.features import FeatureSpec, extract_features
 
 
@@ -29,13 +30,6 @@ def test_different_batches_at_once(threads):
         wanted, count = twin.features(wrench, **options), threads[n % len(threads)]
         jobs.append(partial(extracted_again_and_again, wrench, wanted, 10, threads=count, **options))
     assert at_once(jobs) == [0] * N_THREADS
-
-
-def test_one_input_and_one_spec_read_by_all():
-    wrench = np.random.default_rng(32).standard_normal((30, 200, 6))
-    wanted = twin.features(wrench, n_bins=20)
-    job = partial(extracted_again_and_again, wrench, wanted, 2, spec=FeatureSpec(n_bins=20), threads=2)
-    assert at_once([job] * N_THREADS) == [0] * N_THREADS
 
 
 def test_rows_of_one_output_written_by_many():
@@ -84,6 +78,43 @@ def test_errors_stay_with_their_thread():
         return 0
 
     assert at_once([well, ill] * 4) == [0] * 8
+
+
+def test_eight_threads_share_one_reader():
+    n_rows = 20_000
+    buffer = WrenchBuffer(n_rows / 500)
+    reader = buffer.reader()
+    got = []
+
+    def write():
+        for k in range(0, n_rows, 50):
+            buffer.push_block(np.full((50, 6), float(k)))
+
+    def read():
+        while sum(map(len, got)) < n_rows:
+            block = reader.read(100)
+            if len(block):
+                got.append(block.ticks)
+            else:
+                reader.wait(0.001)
+
+    at_once([write] + [read] * 8)
+    np.testing.assert_array_equal(np.sort(np.concatenate(got)), np.arange(n_rows) * 2_000_000)
+
+
+def test_eight_threads_push_into_one_buffer():
+    n_rows = 1000
+    buffer = WrenchBuffer(8 * n_rows / 500, reorder_depth=8)
+
+    def write(number):
+        for k in range(n_rows):
+            buffer.push(np.full(6, float(number)), flags=k % 2)
+
+    at_once([partial(write, number) for number in range(8)])
+    stats = buffer.stats()
+    assert (stats["written"], stats["gaps"], stats["late"]) == (8 * n_rows, 0, 0)
+    values = buffer.window(8 * n_rows).wrench[:, 0]
+    assert np.bincount(values.astype(int)).tolist() == [n_rows] * 8
 
 
 class Ticker:
