@@ -2,7 +2,7 @@
 
 import pytest
 
-from granular_id.live import signals
+from granular_id.live import signals, supervisor
 from world import World
 
 
@@ -14,8 +14,9 @@ def nothing_moves(monkeypatch):
 
 
 @pytest.fixture
-def w():
+def w(monkeypatch):
     """A bench whose arm goes back within a second."""
+    monkeypatch.setattr(supervisor, "_BACK_S", 1.5)
     world = World()
     world.arm.goes_back()
     return world

@@ -50,9 +50,8 @@ def fitted(axes):
         for k in range(3)
         for i in range(24)
     ]
-    return Identifier.fit(
-        Dataset(windows), make_pipeline(HFMH(cutoff_hz=10), ECOCClassifier()), target_error=None
-    )
+    space = make_pipeline(HFMH(cutoff_hz=10), ECOCClassifier())
+    return Identifier.fit(Dataset(windows), space, target_error=None)
 
 
 @pytest.fixture(scope="module")

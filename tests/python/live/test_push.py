@@ -116,24 +116,10 @@ def test_an_arm_moves_from_the_rest_of_now(w):
     assert capture.reason is None
 
 
-def test_a_slow_consumer_gets_all_rows(w):
-    rows = []
-    capture = push(pushes_of(w), lambda step: rows.append(step.rows) or w.run(0.3))
-    assert capture.reason is None
-    np.testing.assert_array_equal(np.concatenate(rows), capture.rows.wrench)
-
-
 def test_a_frozen_sensor_fails_no_push_where_it_may_repeat():
     w = World(repeats=True)
     w.sensor.noise_n = 0.0
     assert push(pushes_of(w)).reason is None
-
-
-def test_a_push_beyond_the_limit_fails_without_an_arm_too(w):
-    w.sensor.force = lambda s: 1.0 if s < 0.2 else 40.0 if s < 0.4 else 42.0
-    capture = push(pushes_of(w, ForceTrigger, by_hand=True, max_force_n=40.0))
-    assert capture.reason is FailureReason.LIMIT
-    assert "force of 41" in capture.text
 
 
 def test_two_loops_with_one_arm_do_not_push_at_once(w):

@@ -130,12 +130,7 @@ SHORT = {"first_row_s": 0.1}
     ("source", "options", "error", "match"),
     [
         (partial(Counting, 0, wait_s=20), SHORT, TimeoutError, r"nothing within 0\.1 s$"),
-        (
-            partial(Counting, 3, wait_s=20, value=np.nan),
-            SHORT,
-            TimeoutError,
-            "; 3 rows with NaN .* were left",
-        ),
+        (partial(Counting, 3, wait_s=20, value=np.nan), SHORT, TimeoutError, "3 rows with NaN .* left"),
         (partial(Counting, 0), {}, ConnectionError, "counting came to its end before its first row"),
         (partial(Counting, 0, OSError("no route")), {}, ConnectionError, "counting: OSError: no route"),
         (int, {}, TypeError, "source must be a URL or have info, start, stop and health, got int"),

@@ -3,8 +3,9 @@
 from threading import Event
 
 import numpy as np
+import pytest
 
-from granular_id.live import Health, MotionTrigger, SourceInfo, WrenchBuffer, host_ns
+from granular_id.live import CaptureError, Health, MotionTrigger, SourceInfo, WrenchBuffer, host_ns
 from granular_id.live.clock import Clock
 from granular_id.live.limits import Limits
 from granular_id.live.push import Pushes
@@ -27,6 +28,34 @@ def push(pushes, on_step=lambda step: False):
             if on_step(step):
                 break
     return attempt.capture
+
+
+def failed(pushes, reason, on_step=lambda step: False):
+    """Make a push that fails; return how."""
+    capture = push(pushes, on_step)
+    assert capture.reason is reason, capture.text
+    return capture.text
+
+
+def refused(pushes, reason, match):
+    """Ask for a push that is refused."""
+    with pytest.raises(CaptureError, match=match) as raised:
+        push(pushes)
+    assert raised.value.reason is reason
+
+
+def feels(*wrench):
+    """Return what lets the sensor feel a wrench."""
+    return lambda w: setattr(w.sensor, "force", lambda _: wrench)
+
+
+TOO_MUCH = feels(60, 0, 0, 0, 0, 0)
+
+
+def stopped_at(w, pushes, event=TOO_MUCH, at_s=0.3):
+    """Make a push in which something goes wrong, by itself a force beyond the limit; return its text."""
+    w.after(at_s, lambda: event(w))
+    return push(pushes).text
 
 
 class World(Clock):
