@@ -42,10 +42,8 @@ def leveled(levels):
 def models(data):
     """Models of plain features, and of multi-band ones with and without a choice; all with rules."""
     settings = {"coverage": 0.8, "share_known": 0.9, "target_error": 0.2}
-    return {
-        space: Identifier.fit(data, space, **settings)
-        for space in ("hfmh", "raw", "raw+hfmh", "multiband", "best")
-    }
+    spaces = ("hfmh", "raw", "raw+hfmh", "multiband", "best")
+    return {space: Identifier.fit(data, space, **settings) for space in spaces}
 
 
 @pytest.fixture(scope="session")

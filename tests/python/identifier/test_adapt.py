@@ -28,19 +28,8 @@ MATERIALS = ["rice", "fine sugar", "oat flakes", "dry peas", "macaroni"]
 def turned(data, gain=1.3, offset=0.4, **meta):
     """The same pushes under another set-up: other gains, another zero."""
     gains = gain ** np.linspace(-1, 1, 6)
-    return Dataset(
-        [
-            Recording(
-                r.wrench * gains + offset,
-                rate_hz=r.rate_hz,
-                label=r.label,
-                session="elsewhere",
-                name=r.name,
-                meta=meta,
-            )
-            for r in data
-        ]
-    )
+    new = {"session": "elsewhere", "meta": meta}
+    return Dataset([dataclasses.replace(r, wrench=r.wrench * gains + offset, **new) for r in data])
 
 
 @pytest.fixture(scope="module")
@@ -149,16 +138,13 @@ def test_what_was_measured_on_the_old_model_is_dropped(models, moved, space):
 def test_file_says_in_a_line_how_it_was_adapted(rig_model, elsewhere, tmp_path):
     by_labels(to_all(rig_model, elsewhere), first_of_each(elsewhere, 3)).save(tmp_path / "m.safetensors")
     line = Identifier.load(tmp_path / "m.safetensors").trained["adapted"]
-    assert re.fullmatch(
-        r"by 15 labelled recordings, \d{4}-\d\d-\d\d \d\d:\d\d UTC; balanced accuracy [\d.]+ % before, "
-        r"[\d.]+ % after, each named by a model made without it",
-        line,
+    assert re.match(
+        r"by 15 labelled recordings, .* UTC; balanced accuracy [\d.]+ % before, [\d.]+ % after", line
     )
-
-
-def test_one_labelled_recording_each_has_no_accuracy_after(rig_model, elsewhere):
     one = by_labels(rig_model, first_of_each(elsewhere, 1))
-    assert "accuracy" not in one.trained["adapted"]
+    assert "accuracy" not in one.trained["adapted"], (
+        "of one each, none can be named by a model made without it"
+    )
 
 
 def test_labelled_recordings_that_come_again_are_warned_of(rig_model, rig_data, elsewhere):
@@ -167,9 +153,7 @@ def test_labelled_recordings_that_come_again_are_warned_of(rig_model, rig_data, 
     new = by_labels(rig_model, few)
     assert mark_of(few.X[0]) in known_marks(new)
     for model, again, n in ((rig_model, own, 10), (new, few, 15)):
-        with pytest.warns(
-            UserWarning, match=f"{n} of {n} recordings have trained or adapted the model before"
-        ):
+        with pytest.warns(UserWarning, match=f"{n} of {n} recordings have trained or adapted the model"):
             by_labels(model, again)
     by_labels(to_all(rig_model, few), few)  # without labels they taught it nothing
 
@@ -192,9 +176,10 @@ def test_adapt_replaces_the_mean_of_provisional_answers(models, moved):
 # What a model keeps of its training.
 
 
-@pytest.mark.parametrize(
-    "space", [*SPACES, make_pipeline(RawHFMH(block_weights="unit"), ECOCClassifier())], ids=str
-)
+WEIGHTED = make_pipeline(RawHFMH(block_weights="unit"), ECOCClassifier())
+
+
+@pytest.mark.parametrize("space", [*SPACES, WEIGHTED], ids=str)
 def test_source_is_mean_and_spread_of_what_weights_are_for(data, models, space):
     model = models[space] if isinstance(space, str) else Identifier.fit(data, space, estimate=False)
     core = model.core
@@ -210,12 +195,8 @@ def test_source_is_mean_and_spread_of_what_weights_are_for(data, models, space):
 def test_way_out_of_a_model_of_many_materials_works():
     """As the refusal says: 60 materials are too many one-vs-one, and not with fewer learners."""
     rng = np.random.default_rng(0)
-    data = Dataset(
-        [
-            Recording(rng.normal(k % 7, 1, (40, 2)), 100.0, label=f"m{k % 60:02d}", axes=("a", "b"))
-            for k in range(180)
-        ]
-    )
+    waves = [(f"m{k % 60:02d}", rng.normal(k % 7, 1, (40, 2))) for k in range(180)]
+    data = Dataset([Recording(wave, 100.0, label=label, axes=("a", "b")) for label, wave in waves])
     made = []
     for coding in ("onevsone", "onevsall"):
         pipeline = make_pipeline(RawHFMH(cutoff_hz=20.0, n_bins=4), ECOCClassifier(coding))
@@ -238,9 +219,7 @@ def test_damaged_numbers_are_refused(rig_model, elsewhere, name, text):
 
 def test_missing_materials_are_named_and_may_be_accepted(rig_model, elsewhere):
     some = elsewhere[~np.isin(elsewhere.y, ["rice", "macaroni"])]
-    with pytest.raises(
-        ValueError, match="macaroni, rice are missing: what the others show does not carry over"
-    ):
+    with pytest.raises(ValueError, match="macaroni, rice are missing"):
         by_labels(rig_model, some)
     new = by_labels(rig_model, some, allow_missing=True)
     assert "gain nothing: macaroni, rice" in new.trained["adapted"]
@@ -252,11 +231,7 @@ def test_missing_materials_are_named_and_may_be_accepted(rig_model, elsewhere):
         (slice(50), {}, "needs one of two ways, got neither: give the labels .* all_materials=True"),
         (slice(50), {"labels": ["rice"] * 50, "all_materials": True}, "two ways, got both: give the labels"),
         (slice(14), {"all_materials": True}, "needs 3 recordings a material .* 15 for 5 materials, got 14"),
-        (
-            [0, 10],
-            {"labels": ["rice", "rice"], "allow_missing": True},
-            "needs at least 3 recordings, got 2",
-        ),
+        ([0, 10], {"labels": ["rice", "rice"], "allow_missing": True}, "at least 3 recordings, got 2"),
     ],
 )
 def test_adapt_without_a_way_or_recordings_is_refused(rig_model, elsewhere, rows, options, message):
@@ -269,15 +244,11 @@ def test_doubtful_recordings_are_warned_of(rig_model, rig_data, elsewhere):
     with pytest.warns(UserWarning, match="all recordings are of one material, rice: the set-up cannot be"):
         by_labels(rig_model, elsewhere[elsewhere.y == "rice"], allow_missing=True)
     three = ["rice", "fine sugar", "oat flakes"]
-    with pytest.warns(
-        UserWarning, match="all_materials=True states .* labels dry peas, macaroni are missing"
-    ):
+    with pytest.warns(UserWarning, match="all_materials=True states .* dry peas, macaroni are missing"):
         to_all(rig_model, elsewhere[np.isin(elsewhere.y, three)])
     some = rig_data[np.isin(rig_data.y, three)]
     unsaid = Dataset([dataclasses.replace(some[0], label=None), *some[1:]])  # may be any
-    with pytest.warns(
-        UserWarning, match=r"label fell from [\d.]+ % to [\d.]+ %: keep the model as"
-    ) as warned:
+    with pytest.warns(UserWarning, match=r"fell from [\d.]+ % to [\d.]+ %: keep the model as") as warned:
         to_all(rig_model, unsaid)
     assert len(warned) == 1
 
@@ -294,10 +265,7 @@ def test_adapted_model_is_not_declared_again(rig_model, elsewhere):
         ({"rate_hz": 250.0}, "250 Hz, the model was trained at 500"),
         ({"meta": {"frame": "turned"}}, "another set-up"),
         ({"wrench": np.ones((400, 6))}, "3 of 3 recordings are shorter$"),
-        (
-            {"wrench": np.ones((600, 6)), "trigger_index": None},
-            r"rest comes before .* Dataset\.align\(500\).*\(--duration-s 1\)$",
-        ),
+        ({"wrench": np.ones((600, 6)), "trigger_index": None}, r"Dataset\.align\(500\).*\(--duration-s 1\)$"),
         ({"label": None}, "no label"),
         ({"label": "salt"}, "labels of the training, got 'salt'"),
     ],
@@ -308,8 +276,8 @@ def test_adapt_refuses_what_identify_does_and_bad_labels(rig_model, elsewhere, c
 
 
 def test_real_recordings_of_a_turned_sensor_gain(data_dir):
-    data = load(data_dir / "sliding_wrench").resample(100, max_gap_s=1.0).align("shortest")
-    some = data[np.isin(data.y, data.labels[:8])]
+    parts = [load(data_dir / "sliding_wrench" / f"mat{k:02d}") for k in range(1, 9)]
+    some = Dataset.concatenate(parts).resample(100, max_gap_s=1.0).align("shortest")
     number = np.array([int(name[-6:-4]) for name in some.names])
     half, later = some[np.flatnonzero(number <= 12)], turned(some[np.flatnonzero(number > 40)], 1.2, 0.3)
     model = Identifier.fit(half, "multiband", estimate=False)

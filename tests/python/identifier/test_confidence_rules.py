@@ -16,12 +16,7 @@ from granular_id import HFMH, ECOCClassifier
 from granular_id._core import Model, ModelFileError
 from granular_id.confidence import CandidateRule, Novelty, UnknownRule, softmax
 from granular_id.confidence.novelty import scaled
-from granular_id.identifier import (
-    Identifier,
-    StreamingIdentifier,
-    describe_performance,
-    identify_all,
-)
+from granular_id.identifier import Identifier, StreamingIdentifier, describe_performance, identify_all
 from granular_id.identifier.model import RULES
 from granular_id.identifier.training import features_of
 from granular_id.synthetic import PAPER_MATERIALS
@@ -43,9 +38,8 @@ def distances(core, X):
 
 def with_rules(model, **rules):
     """Return a model with these rules alone."""
-    return Identifier(
-        with_trained(model.core, {RULES: {name: rule.to_dict() for name, rule in rules.items()}})
-    )
+    stored = {name: rule.to_dict() for name, rule in rules.items()}
+    return Identifier(with_trained(model.core, {RULES: stored}))
 
 
 def file_of(core, trained):
@@ -130,14 +124,10 @@ def test_novelty_of_overlapping_windows_is_that_of_each(models, data):
     assert refused == (novelty > rule.threshold).tolist()
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"space": make_pipeline(HFMH(), ECOCClassifier("onevsall"))},
-        {"share_known": None},
-        {"coverage": None},
-    ],
-)
+ONE_VS_ALL = {"space": make_pipeline(HFMH(), ECOCClassifier("onevsall"))}
+
+
+@pytest.mark.parametrize("settings", [ONE_VS_ALL, {"share_known": None}, {"coverage": None}])
 @pytest.mark.parametrize("n_classes", [2, 3])
 def test_streams_apply_the_rules_of_other_models(data, settings, n_classes):
     chosen = [k for k, label in enumerate(data.y) if label in LABELS[:n_classes]]
@@ -217,7 +207,7 @@ def test_novelty_parts_that_do_not_fit_are_refused(identifier):
 
 
 CHOICE = {
-    "note": "x",
+    "note": "",
     "random_state": 4,
     "chosen": [],
     "accuracy_on_the_folds_that_chose": None,
@@ -233,11 +223,7 @@ CHOICE = {
         ("confidence.candidates", {}, "missing field `classes`"),
         ("confidence.candidates.format", "2", "candidates: 'format' must be 'granular-id candidates 1'"),
         ("confidence.candidates.level", 1.5, "candidates: 'level', 'mean' and 'worst' must be numbers"),
-        (
-            "confidence.candidates.classes",
-            list("abcd"),
-            "candidates: 'classes' must be the labels of the model",
-        ),
+        ("confidence.candidates.classes", list("abcd"), "candidates: 'classes' must be the labels"),
         ("confidence.candidates.n_rows", 32.0, "floating point `32.0`, expected u64"),
         ("confidence.unknown.threshold", "1", 'string "1", expected f64'),
         ("confidence.unknown.weights", [1.0, -1.0], "unknown: 'weights' must be at least 0"),

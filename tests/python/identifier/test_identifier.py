@@ -1,9 +1,7 @@
 """Identifier: the labels and scores of the scikit-learn pipeline it was made from, in one file."""
 
-import hashlib
 import json
 import pickle
-import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,16 +12,15 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-import multiband_twin as twin
 from evaluation_cases import LABELS, changed
 from granular_id import DFT, HFMH, ECOCClassifier, RawHFMH, RawSignal, synthesize
 from granular_id._core import MAX_MULTIBAND_VALUES, ModelFileError
-from granular_id.identifier import SPACES, Identifier, StreamingIdentifier
+from granular_id.identifier import SPACES, Identifier
 from granular_id.identifier.model import MAX_FILE_BYTES
 from granular_id.identifier.training import features_of, model_of, pipeline_of, refuse_large
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BestClassifier, BlockScaler, WithinClassWhitening, feature_spaces, fit_pipeline
-from granular_id.spaces.multiband import ALL_BLOCKS, USUAL_BLOCKS, MultiBand
+from granular_id.spaces.multiband import USUAL_BLOCKS, MultiBand
 from granular_id.splits import groups_of
 
 
@@ -87,9 +84,8 @@ def test_two_classes_and_any_number_of_axes(n_axes):
     rng = np.random.default_rng(n_axes)
     data = Dataset(
         [
-            Recording(rng.normal(k, 1, (30, n_axes)), rate_hz=100, label=m, name=f"{m}{i}", axes=names)
-            for i in range(4)
-            for k, m in enumerate(("b", "a"))
+            Recording(rng.normal(k % 2, 1, (30, n_axes)), 100.0, label="ba"[k % 2], axes=names)
+            for k in range(8)
         ]
     )
     pipeline = make_pipeline(RawHFMH(rate_hz=100, cutoff_hz=20.0), ECOCClassifier()).fit(data.X, data.y)
@@ -129,21 +125,6 @@ def test_same_training_gives_the_same_bytes(data, space):
     )
     assert same == one
     assert other != one
-
-
-@pytest.mark.thread_unsafe(reason="starts a process")
-def test_another_process_trains_the_same_bytes():
-    code = (
-        "import hashlib, granular_id as gid\n"
-        "data = gid.synthesize(['rice', 'fine sugar'], n_per_class=4, duration_s=0.3)\n"
-        "print(hashlib.sha256(gid.Identifier.fit(data).core.to_bytes()).hexdigest())"
-    )
-    command = [sys.executable, "-W", "error", "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    data = synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.3)
-    model = Identifier.fit(data)
-    assert done.stdout.strip() == hashlib.sha256(model.core.to_bytes()).hexdigest()
-    assert model.trained["settings"]["space"] == "best"
 
 
 def test_trained_says_what_it_was_trained_on(data, plain):
@@ -221,37 +202,6 @@ def test_bad_files_are_refused_by_name(plain, tmp_path):
 # -- multi-band features
 
 
-def test_multiband_features_are_those_of_the_twin(data, new, tmp_path):
-    pipeline = make_pipeline(MultiBand(blocks=ALL_BLOCKS), BlockScaler(), ECOCClassifier())
-    Identifier.fit(data, pipeline, estimate=False).save(tmp_path / "m.safetensors")
-    identifier = Identifier.load(tmp_path / "m.safetensors")
-    spec, core = identifier.spec, identifier.core
-    scales, levels = twin.learned_scales(data.X)
-    np.testing.assert_allclose(spec.scales, scales, rtol=1e-5)
-    np.testing.assert_allclose(spec.level_scales, levels, rtol=1e-9)
-    rows = np.array([twin.features(x, scales, levels) for x in new.X])
-    np.testing.assert_allclose(rows @ core.coef.T + core.intercept, identifier.scores(new.X), atol=1e-4)
-
-
-@pytest.mark.parametrize("size", [1, 7, 80])
-def test_stream_gives_the_bits_of_the_batch(best, new, size):
-    stream = StreamingIdentifier(best)
-    for k, x in enumerate(new.X[:4]):
-        stream.reset()
-        for start in range(0, len(x), size):
-            stream.push(x[start : start + size])
-            assert stream.decision().final == (stream.n_seen == len(x))
-        assert np.array_equal(stream.core.scores(), best.scores(new.X[k : k + 1])[0])
-        assert stream.decision() == best.identify(x)
-
-
-def test_provisional_answer_is_that_of_the_beginning(best, new):
-    stream, x = StreamingIdentifier(best), new.X[0]
-    stream.push(x[:33])
-    wanted = best.core.coef @ best.spec.extract(x[:33]) + best.core.intercept
-    np.testing.assert_allclose(stream.core.scores(), wanted, rtol=1e-9, atol=1e-9)
-
-
 def test_blocks_without_weights_are_not_computed(data):
     space = MultiBand(blocks=(*USUAL_BLOCKS, "level")).fit(data.X)
     features = space.transform(data.X)
@@ -277,14 +227,8 @@ OURS = "must be a pipeline of RawSignal, HFMH, RawHFMH or MultiBand, .*got"
         ({"space": "dft"}, "space must be one of 'best', 'multiband', 'raw', .*, got 'dft'"),
         ({"space": make_pipeline(DFT(), ECOCClassifier())}, f"space {OURS} DFT, ECOCClassifier"),
         ({"space": make_pipeline(RawSignal(), RandomForestClassifier(2))}, f"{OURS} RawSignal, RandomForest"),
-        (
-            {"space": make_pipeline(MultiBand(), MultiBand(), ECOCClassifier())},
-            f"{OURS} MultiBand, MultiBand",
-        ),
-        (
-            {"space": make_pipeline(HFMH(rate_hz=100.0), ECOCClassifier())},
-            "space is for 100 Hz, the recordings have 500 Hz",
-        ),
+        ({"space": make_pipeline(MultiBand(), MultiBand(), ECOCClassifier())}, f"{OURS} MultiBand, Mul"),
+        ({"space": make_pipeline(HFMH(rate_hz=100.0), ECOCClassifier())}, "for 100 Hz, .* have 500 Hz"),
         ({"space": make_pipeline(HFMH(n_bins=0), ECOCClassifier())}, "n_bins"),
         ({"space": make_pipeline(HFMH(), ECOCClassifier(C=-1.0))}, "C"),
         ({"target_error": 1.0}, "target_error must lie between 0 and 1, got 1"),
@@ -322,21 +266,6 @@ def test_model_too_large_for_its_file_names_ways_that_work():
     for space in ("hfmh", make_pipeline(RawHFMH(), ECOCClassifier("onevsall"))):
         model = Identifier.fit(data, space, estimate=False)
         assert len(model.core.to_bytes()) < MAX_FILE_BYTES
-
-
-@pytest.mark.parametrize("space", ["best", "multiband"])
-def test_recordings_too_long_are_refused_before_training(monkeypatch, space):
-    monkeypatch.setattr("granular_id.identifier.training.fit_on_features", None)
-    longest = MAX_MULTIBAND_VALUES // 6
-    refuse_large(pipeline_of(space, 500.0, None)[1], 2, np.zeros((1, longest, 6)))
-    wrench = np.zeros((longest + 1, 6))
-    long = Dataset([Recording(wrench, 500.0, label=label, name=label) for label in ("oat", "rice")])
-    wanted = (
-        f"recordings of {longest + 1} samples of 6 axes are too long for a model of multi-band features: "
-        f"{6 * longest + 6} values, at most {MAX_MULTIBAND_VALUES}; shorten them, or take space='hfmh'"
-    )
-    with pytest.raises(ValueError, match=f"^{re.escape(wanted)}$"):
-        Identifier.fit(long, space)
 
 
 def test_bad_recordings_are_refused(plain, best, data):
@@ -385,3 +314,16 @@ def test_load_and_identify_do_not_import_scikit_learn(plain, tmp_path):
     )
     command = [sys.executable, "-c", script, str(tmp_path / "m.safetensors")]
     assert subprocess.run(command, check=False, timeout=60).returncode == 0
+
+
+@pytest.mark.parametrize("space", ["best", "multiband"])
+def test_recordings_too_long_are_refused_before_training(monkeypatch, space):
+    monkeypatch.setattr("granular_id.identifier.training.fit_on_features", None)
+    longest = MAX_MULTIBAND_VALUES // 6
+    refuse_large(pipeline_of(space, 500.0, None)[1], 2, np.zeros((1, longest, 6)))
+    wrench = np.zeros((longest + 1, 6))
+    long = Dataset([Recording(wrench, 500.0, label=label, name=label) for label in ("oat", "rice")])
+    with pytest.raises(
+        ValueError, match=f"{longest + 1} samples of 6 axes are too long .* take space='hfmh'$"
+    ):
+        Identifier.fit(long, space)

@@ -75,9 +75,9 @@ SENTENCES = [
     (["rice", "rice", "oat"], None, "0.0 to 3.0 s rice, then 3.0 to 4.0 s oat"),
     # those like nothing known are one stretch, whatever each is nearest to
     (
-        ["rice", "oat", "salt", "oat"],
-        [False, True, True, True],
-        "0.0 to 2.0 s rice, then 2.0 to 5.0 s unknown, nearest oat",
+        ["rice", "oat", "salt"],
+        [False, True, True],
+        "0.0 to 2.0 s rice, then 2.0 to 4.0 s unknown, nearest oat",
     ),
     (["oat", "oat"], [True, False], "0.0 to 2.0 s unknown, nearest oat, then 2.0 to 3.0 s oat"),
 ]
@@ -104,26 +104,22 @@ def test_the_table_says_what_the_answers_are_worth():
     table = answers.table()
     assert table.title == "Answers over drive, SYNTHETIC recordings"
     assert table.rows[0] == ("0.00 to 3.00", "rice", "2", "0.300")
-    for note in (
-        "warning: another set-up than in the training: speed",
-        "3 answers, one each 1 s about the last 2 s: rice 67 %, oat 33 %",
-        "the recording is labelled rice: 2 of 3 name it",
-        "the last 0.50 s are less than a hop: no answer is about them",
-        "1 answer about samples with a flag (gaps that were filled, saturation)",
-        "the model was trained on 2 of these 3 windows, and may know parts of the others: answers about such "
-        "recordings say nothing about new ones",
+    notes = "\n".join(table.notes)
+    for words in (
+        "rice 67 %, oat 33 %",
+        "2 of 3 name it",
+        "last 0.50 s",
+        "a flag",
+        "2 of these 3 windows",
+        "speed",
     ):
-        assert note in table.notes
+        assert words in notes
     every = replace(answers, trained_on=np.array([True] * 3)).table().notes
-    assert (
-        "the model was trained on 3 of these 3 windows: answers about such recordings say nothing about new ones"
-        in every
+    assert any("trained on 3 of these 3 windows: answers" in note for note in every)
+    assert any(
+        "foam, which the model does not know" in note for note in made(["oat"], truth="foam").table().notes
     )
-    assert (
-        "the recording is labelled foam, which the model does not know"
-        in made(["oat"], truth="foam").table().notes
-    )
-    assert "1 answer, one each 1 s about the last 2 s: unknown 100 %" in made(["oat"], [True]).table().notes
+    assert any(note.endswith("unknown 100 %") for note in made(["oat"], [True]).table().notes)
 
 
 def test_windows_of_the_training_are_known_again(plain, data):
@@ -151,19 +147,17 @@ def test_files_hold_every_answer(models, drive, tmp_path):
     assert stored["stretches"][0]["from_s"] == 0.0
 
 
-REFUSED = [
-    ("too short", lambda new: Recording(new.X[0][:70], rate_hz=RATE), None, "record for longer"),
-    ("another rate", lambda new: Recording(new.X[0], rate_hz=250.0), None, r"\.resample\(500\)"),
-    ("other axes", lambda new: Recording(new.X[0], rate_hz=RATE, axes=tuple("abcdef")), None, "the axes a b"),
-    ("no hop", lambda new: long(new, 0), 0.0005, "hop_s=0.0005 is less than a sample: at 500 Hz"),
-    ("a hop of nothing", lambda new: long(new, 0), 0.0, "hop_s must be positive"),
-    ("a data set", lambda new: new, None, "one by one"),
-]
+REFUSED = {
+    "too short": (lambda new: Recording(new.X[0][:70], rate_hz=RATE), None, "record for longer"),
+    "another rate": (lambda new: Recording(new.X[0], rate_hz=250.0), None, r"\.resample\(500\)"),
+    "other axes": (lambda new: Recording(new.X[0], rate_hz=RATE, axes=tuple("abcdef")), None, "the axes a b"),
+    "no hop": (lambda new: long(new, 0), 0.0005, "hop_s=0.0005 is less than a sample: at 500 Hz"),
+    "a hop of nothing": (lambda new: long(new, 0), 0.0, "hop_s must be positive"),
+    "a data set": (lambda new: new, None, "one by one"),
+}
 
 
-@pytest.mark.parametrize(
-    ("make", "hop_s", "sentence"), [row[1:] for row in REFUSED], ids=[row[0] for row in REFUSED]
-)
+@pytest.mark.parametrize(("make", "hop_s", "sentence"), REFUSED.values(), ids=REFUSED)
 def test_what_does_not_fit_is_refused_with_the_way_out(plain, new, make, hop_s, sentence):
     with pytest.raises((TypeError, ValueError), match=sentence):
         plain.predict_over(make(new), hop_s)
