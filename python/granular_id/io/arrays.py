@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -32,7 +33,7 @@ from granular_id.io.remedy import (
     without_number,
 )
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSource, LoadOptions
-from granular_id.recording import AXES, Table, cell_text, units_by_axis
+from granular_id.recording import AXES, SESSION_NAMES, Table, cell_text, units_by_axis
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
 _PLACE = re.compile(r"\[\d+\]")
@@ -61,6 +62,7 @@ def content_of(
     mended = None if is_finite else reading.remedy.mended(found)  # now, as the file will be closed
     orders, texts = reading.order_notes(found), reading.texts_of_one(tables)
     content = FileContent(tables, notes=notes, orders=orders, place=place, may_be_labels=texts)
+    content.may_be_sessions = reading.days_beside(found, tables)
     return content if mended is None else replace(content, in_python=mended)
 
 
@@ -241,6 +243,20 @@ class _Reading:
         if rules and (len(tables) > 1 or self._source.label_known is None):
             names = ", ".join(repr(rule.removeprefix("column:")) for rule in rules)
             raise self.fault(f"{names:.200} may be the labels, which are read from 'y' only")
+
+    def days_beside(self, found: Sequence[Found], tables: Sequence[Table]) -> dict[str, list[str]]:
+        """Return what is called like days beside the recordings, with a text for each, where no session is known."""
+        if any(table.session for table in tables):
+            return {}
+        beside = {name for place in (found[0].leaf.about, *found[0].chain) for name in place}
+        n_each, texts = len(tables) // len(found), dict[str, list[str]]()
+        for name in sorted(filter(SESSION_NAMES.fullmatch, beside)):
+            with suppress(RecordingFileError):
+                rule = f"column:{name}"
+                texts[name] = [
+                    text or "" for one in found for text in self._each("session", one, n_each, rule)
+                ]
+        return texts
 
     def texts_of_one(self, tables: Sequence[Table]) -> dict[str, list[str]]:
         """Return the texts beside the only recording of a file that has no label."""

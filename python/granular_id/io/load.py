@@ -14,13 +14,21 @@ from typing import Any, Literal
 from granular_id._checks import argument_error, whole_number
 from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback, check_progress, showing
-from granular_id._text import alternatives, counted, in_both
+from granular_id._text import alternatives, counted, in_both, typed
 from granular_id.io.files import RecordingFileError, check_place, failed
 from granular_id.io.index import INDEX_NAME
 from granular_id.io.source import FileContent, FileSource, LoadOptions, likeliest_first
 from granular_id.io.sources import find_sources, format_of, listed, placed
 from granular_id.io.ways_out import with_all_wanted
-from granular_id.recording import Dataset, Made, StepReport, TableError, restated, to_recordings
+from granular_id.recording import (
+    SESSION_MAY_BE,
+    Dataset,
+    Made,
+    StepReport,
+    TableError,
+    restated,
+    to_recordings,
+)
 
 _ARRAYS = ("npy", "npz", "mat", "hdf5")
 _OF_FORMATS = {
@@ -372,6 +380,7 @@ class _Reading:
         notes = [*self._found.notes, *notes]
         if not self._places_said:  # with the first piece, for all
             places = [_place_note(what, reads, self._alone) for what in ("label", "session")]
+            places.append(_other_sessions(reads))
             notes = [*first, *filter(None, places), *notes]
         notes = [*orders, *notes]
         self._places_said = True
@@ -404,6 +413,7 @@ def _made(content: FileContent, source: FileSource) -> _Read:
     read = _Read(
         rows=content.rows, notes=content.notes, source=source, orders=content.orders, history=content.history
     )
+    read.may_be_sessions = content.may_be_sessions
     try:
         read.recordings = [restated(recording, source) for recording in content.recordings]
     except TableError as error:
@@ -418,6 +428,8 @@ def _made(content: FileContent, source: FileSource) -> _Read:
         if made.may_be_labels or made.label_mend:
             _refuse_labels_unread(made, content, source)
         read.may_be_labels = made.may_be_labels or content.may_be_labels
+        for name, texts in made.may_be_sessions.items():
+            read.may_be_sessions.setdefault(name, []).extend(texts)
         read.recordings += made.recordings
         read.rows += made.rows
         read.notes += [note for note in made.notes if note not in read.notes]
@@ -488,6 +500,28 @@ def _labels_of_one(reads: Sequence[_Read]) -> list[str]:
         f"{len(single)} of {counted(len(counts), 'label')} have one recording only ({some}), and nothing to test with: "
         f"where they are no materials, {pass_one}name files after them, or list file and label in an index.csv"
     ]
+
+
+def _other_sessions(reads: Sequence[_Read]) -> str | None:
+    """Say which column, array or folder may hold sessions, where none is known, or all have one, or each its own."""
+    known = [recording.session for read in reads for recording in read.recordings]
+    sources = [read.source for read in reads for _ in read.recordings]
+    if 1 < len(set(known)) < len(known):
+        return None
+    values: dict[str, list[str]] = {}
+    for read in reads:
+        for name, texts in read.may_be_sessions.items():
+            values.setdefault(f"column:{name}", []).extend(texts)
+    folder = "parent" if all(source.label_place == "folder" for source in sources) else "folder"
+    depth = 2 if folder == "parent" else 1
+    if all(source.name.count("/") >= depth for source in sources):
+        values[folder] = [source.name.split("/")[-1 - depth] for source in sources]
+    rules = [
+        rule
+        for rule, texts in values.items()
+        if len(texts) == len(known) and 1 < len(set(texts)) < len(texts)
+    ]
+    return SESSION_MAY_BE + " or ".join(typed(session=rule).strip("()") for rule in rules) if rules else None
 
 
 def _place_note(what: str, reads: Sequence[_Read], alone: bool) -> str | None:

@@ -14,6 +14,7 @@ from granular_id.recording.columns import (
     LABEL_NAMES as LABEL_NAMES,
     RECORDING as RECORDING,
     SESSION as SESSION,
+    SESSION_NAMES as SESSION_NAMES,
     TIME as TIME,
     TableError as TableError,
     cell_text as cell_text,
@@ -57,6 +58,7 @@ from granular_id.recording.recording import (
     unit_of as unit_of,
 )
 from granular_id.recording.report import (
+    SESSION_MAY_BE as SESSION_MAY_BE,
     StepReport,
     noticed_lines as noticed_lines,
     skipped_lines as skipped_lines,

@@ -143,6 +143,13 @@ TIMES = (
 )
 """Names of a clock without case and separators; of several that are there, the first one is it."""
 
+SESSION_NAMES = re.compile(
+    r"(.*[\W_])?(date|day|session|datum|tag|sitzung|jour|fecha|d[i\N{LATIN SMALL LETTER I WITH ACUTE}]a|giorno)"
+    r"($|[\W_\d].*)",
+    re.IGNORECASE,
+)
+"""Names of what may tell sessions apart in files of others, for ways out only."""
+
 _TORQUES = ("t", "m", "tau", "torque", "moment", "drehmoment", "couple", "par", "momento")
 
 _WORDS = {

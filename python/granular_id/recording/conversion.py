@@ -35,6 +35,7 @@ from granular_id.recording.columns import (
     RATE,
     RECORDING,
     SESSION,
+    SESSION_NAMES,
     TAKEN,
     TIME,
     TableError,
@@ -110,6 +111,9 @@ class Made:
     may_be_labels: Mapping[str, list[str]] = field(default_factory=dict)
     """Columns that are not read, with their text of each recording, where nothing in the table says the labels."""
 
+    may_be_sessions: dict[str, list[str]] = field(default_factory=dict)
+    """Columns that are not read and called like days, with their text of each recording."""
+
     label_mend: str = ""  # the method of a data frame that makes labels of the ids, where no column may be it
 
     @property
@@ -133,9 +137,12 @@ def to_recordings(table: Table, stated: Stated) -> Made:
     made = Made(notes=picked.notes)
     if LABEL not in picked.columns and table.label is None:
         if len(table.columns) > len(picked.called):
-            made.may_be_labels = _label_columns(table, picked, [rows for rows, _ in parts])
+            made.may_be_labels = _label_columns(table.columns, picked, [rows for rows, _ in parts])
         if RECORDING in picked.columns:
             made.label_mend = _labels_of_ids(picked)
+    if SESSION not in picked.columns and table.session is None and len(table.columns) > len(picked.called):
+        named = {name: cells for name, cells in table.columns.items() if SESSION_NAMES.fullmatch(name)}
+        made.may_be_sessions = _label_columns(named, picked, [rows for rows, _ in parts], SESSION_NAMES)
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
         made.recordings.append(part.recording())
@@ -314,11 +321,16 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
     return [(rows[i], names[i]) for i in np.argsort(firsts, kind="stable").tolist()]
 
 
-def _label_columns(table: Table, picked: Picked, parts: Sequence[NDArray[np.intp]]) -> dict[str, list[str]]:
+def _label_columns(
+    columns: Mapping[str, NDArray[Any]],
+    picked: Picked,
+    parts: Sequence[NDArray[np.intp]],
+    names: re.Pattern[str] = LABEL_NAMES,
+) -> dict[str, list[str]]:
     """Return the columns that may be labels: of texts, or called so, with one value a recording."""
     found: dict[str, list[str]] = {}
-    for name, cells in table.columns.items():
-        if name in picked.called.values() or not (cells.dtype.kind in "OUT" or LABEL_NAMES.match(name)):
+    for name, cells in columns.items():
+        if name in picked.called.values() or not (cells.dtype.kind in "OUT" or names.match(name)):
             continue
         kinds = [set(_texts_of(cells[rows]).tolist()) for rows in parts]
         if all(len(one) == 1 and one != {""} for one in kinds):

@@ -19,7 +19,7 @@ from granular_id.recording.frames import TimeUnit, recordings_of_arrays, recordi
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onsets
 from granular_id.recording.payload import Payload, compensate_recordings
 from granular_id.recording.recording import Recording, common_axes, common_rate, stack
-from granular_id.recording.report import StepReport, subject
+from granular_id.recording.report import SESSION_MAY_BE, StepReport, subject
 from granular_id.recording.resampling import resample_recordings
 from granular_id.recording.steps import align_recordings, cut_windows, select_recordings, split_recordings
 from granular_id.recording.summary import Summary, summarise
@@ -657,7 +657,8 @@ class Dataset:
             A sequence of findings, worst first, with ``.states`` of recordings and ``.worst``; empty when
             nothing was found.
         """
-        return check_recordings(self.recordings)
+        notes = [note for step in self.history for note in step.notes if note.startswith(SESSION_MAY_BE)]
+        return check_recordings(self.recordings, notes[0].partition(": ")[2] if notes else "")
 
     def __add__(self, other: Dataset) -> Dataset:
         return Dataset.concatenate([self, other]) if isinstance(other, Dataset) else NotImplemented

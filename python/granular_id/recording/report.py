@@ -12,6 +12,9 @@ from granular_id._text import counted, in_columns, verb
 
 _PRINTED_ROWS = 10
 
+SESSION_MAY_BE = "sessions may stand elsewhere: data convert "
+"""How a note of reading begins that `Dataset.check` repeats."""
+
 
 @dataclass(frozen=True)
 class StepReport:

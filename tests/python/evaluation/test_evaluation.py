@@ -3,6 +3,7 @@
 import json
 import sys
 import threading
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -260,6 +261,12 @@ def test_copies_within_a_held_out_session_stand_first(data):
         "SPOILED by duplicates: 1 recording holds exactly the samples of another one"
     )
     assert "accept: the checks found nothing called 'leak-clok'" in result.notes
+
+
+def test_no_session_is_asked_for_where_days_are_held_out(data):
+    days = Dataset([replace(one, session=None, start_time=86400.0 * (k % 3)) for k, one in enumerate(data)])
+    said = {by: evaluate(days, "raw", by=by, **QUIET).notes for by in ("random", "day")}
+    assert ["no recording says which session" in " ".join(said[by]) for by in said] == [True, False]
 
 
 # What is refused.

@@ -384,3 +384,32 @@ def test_progress_is_called_for_every_file(tmp_path):
 def test_bad_settings_are_named(tmp_path, bad):
     with pytest.raises((TypeError, ValueError), match=next(iter(bad))):
         load(tree(tmp_path, "rice_1.csv"), **bad)
+
+
+@pytest.mark.parametrize("kind", ["column", "array", "folder"])
+def test_sessions_that_are_not_read_are_named_by_the_check(tmp_path, kind):
+    days, rng = ["mon", "mon", "tue", "tue"], np.random.default_rng(0)
+    if kind == "folder":
+        tree(
+            tmp_path,
+            *(f"{day}/{name}_{k}.csv" for k, day in enumerate(days[::2]) for name in ("rice", "peas")),
+        )
+        given, rule = {"label": "file"}, "folder"
+    elif kind == "column":
+        rows = [f"{i},{'ab'[i % 2]},{days[i]},{k / 100},1,2,3,4,5,{k}" for i in range(4) for k in range(3)]
+        write(tmp_path / "long.csv", f"trial,material,date,{HEADER}", rows)
+        given, rule = {}, "column:date"
+    else:
+        X = rng.normal(size=(4, 9, 6))
+        np.savez(tmp_path / "a.npz", X=X, y=list("abab"), fs=500, day=days)
+        given, rule = {}, "column:day"
+    way = f"(data convert --session {rule})"
+    by_file = load(tmp_path, **given, session="file")
+    for data in (load(tmp_path, **given), by_file):
+        (finding,) = [
+            one for one in data.check() if one.code in ("no-session", "one-session", "own-sessions")
+        ]
+        assert way in finding.message
+    assert sorted(load(tmp_path, **given, session=rule).sessions) == days
+    copy = load(save(load(tmp_path, **given), tmp_path / "x.npz"))
+    assert any(way in one.message for one in copy.check())

@@ -52,7 +52,26 @@ def test_a_sound_set_is_only_said_to_be_small():
         (
             [recording(session=None), recording(label="peas", session=None)],
             "no-session",
-            "(data convert --session file, or ",
+            "(data convert --session column:NAME, folder or meta:NAME)",
+        ),
+        (
+            [
+                recording(session=None, name=f"a[{i}]", start_time=43200.0 * i, meta={"day": i // 2})
+                for i in range(4)
+            ],
+            "no-session",
+            "(data convert --session meta:day or evaluate --hold-out day)",
+        ),
+        (
+            [recording(session=None, name=f"{'ab'[i // 2]}[{i}]") for i in range(4)],
+            "no-session",
+            "(data convert --session file)",
+        ),
+        ([recording(session="x"), recording(session="x", seed=1)], "one-session", "none can be held out"),
+        (
+            [recording(session=f"s{i}", seed=i, start_time=43200.0 * i) for i in range(4)],
+            "own-sessions",
+            "(evaluate --hold-out day)",
         ),
         ([SMALL[0], recording(label="peas", session="s9")], "session-is-label", "2 of 2 labels"),
     ],

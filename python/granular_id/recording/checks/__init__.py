@@ -12,7 +12,7 @@ from granular_id.recording.recording import Recording
 __all__ = ["CheckReport", "Finding", "check_recordings"]
 
 
-def check_recordings(recordings: Sequence[Recording]) -> CheckReport:
+def check_recordings(recordings: Sequence[Recording], session_hint: str = "") -> CheckReport:
     """Run all checks; see :meth:`Dataset.check`, which calls this."""
     # slow to import, and few programs look their recordings over
     from granular_id.recording.checks import copies, leaks, signal, stated
@@ -24,7 +24,7 @@ def check_recordings(recordings: Sequence[Recording]) -> CheckReport:
         *(signal.check_units, signal.check_clipping, signal.check_stuck, signal.check_outliers),
         stated.check_flags,
     )
-    data = Measured(recordings)
+    data = Measured(recordings, session_hint)
     with np.errstate(all="ignore"):  # of readings that no sensor gives squares overflow
         findings = [finding for check in in_order for finding in check(data)]
     findings.sort(key=lambda finding: SEVERITIES.index(finding.severity))

@@ -21,8 +21,11 @@ FALSE_ALARM_RATE = 0.01
 class Measured:
     """Recordings, and what several checks look at; each figure is made when first used."""
 
-    def __init__(self, recordings: Sequence[Recording]) -> None:
-        self.recordings = recordings
+    def __init__(self, recordings: Sequence[Recording], session_hint: str = "") -> None:
+        self.recordings, self.session_hint = (
+            recordings,
+            session_hint,
+        )  # what reading them said of unread sessions
 
     @cached_property
     def labels(self) -> dict[str, list[int]]:

@@ -12,9 +12,11 @@ from granular_id._text import counted, listed
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.clock import MAX_GAP_S
+from granular_id.recording.columns import SESSION_NAMES
 from granular_id.recording.recording import Recording, SampleFlag, places_of, single_values
 from granular_id.recording.report import subject
 from granular_id.recording.setup import Setup
+from granular_id.recording.steps import recordings_cut
 
 SLOWEST_RATE_HZ = 1.0  # below it the stamps are rather in milliseconds than in seconds
 # Steps may spread (90 % less 10 % quantile) by this part of their median before it counts as jitter.
@@ -65,14 +67,23 @@ def check_axes(data: Measured) -> Iterator[Finding]:
 
 
 def check_sessions(data: Measured) -> Iterator[Finding]:
-    """Find recordings without a session, and labels that have one session only, each its own."""
+    """Find recordings without a session, all or each of one, and labels that have one session only, each its own."""
     without = [i for i, r in enumerate(data.recordings) if r.session is None]
+    n_sessions = len({r.session for r in data.recordings})
+    n_recorded = len(set(recordings_cut(data.recordings).tolist()))
     if len(without) == len(data.recordings):
-        message = (
-            "no recording says which session it is from: keep together what was recorded together (data convert "
-            '--session file, or folder, where each is one; in Python session="file")'
-        )
+        message = f"no recording says which session it is from: {_session_remedy(data)}"
         yield data.finding("warning", "no-session", message)
+    elif n_recorded > 1 and not without and n_sessions == 1:
+        message = (
+            f"all recordings are of one session, so that none can be held out; else {_session_remedy(data)}"
+        )
+        yield data.finding("warning", "one-session", message)
+    elif n_recorded > 1 and not without and n_sessions == n_recorded and not data.labels_of_one_session:
+        message = (
+            f"each recording is a session of its own, and a day shows nowhere; else {_session_remedy(data)}"
+        )
+        yield data.finding("warning", "own-sessions", message)
     elif without:
         some = f"{len(without)} of {len(data.recordings)} recordings"
         yield data.finding(
@@ -84,6 +95,22 @@ def check_sessions(data: Measured) -> Iterator[Finding]:
             "classifier learns may be the session, and no evaluation can tell"
         )
         yield data.finding("warning", "session-is-label", message, labels=data.labels_of_one_session)
+
+
+def _session_remedy(data: Measured) -> str:
+    """Say where sessions stand: what reading saw, else an entry of the metadata, days, or files of several."""
+    recordings, ways = data.recordings, [data.session_hint] if data.session_hint else []
+    if not ways:
+        stated = [dict(single_values(r.meta)) for r in recordings]
+        names = [name for name in stated[0] if SESSION_NAMES.fullmatch(name.rpartition(".")[2])]
+        values = {f"data convert --session meta:{name}": [one.get(name) for one in stated] for name in names}
+        starts = [r.start_time for r in recordings]
+        if None not in starts:
+            values["evaluate --hold-out day"] = [int(start // 86400) for start in starts if start is not None]
+        values["data convert --session file"] = [r.name.partition("[")[0] for r in recordings]
+        ways = [way for way, each in values.items() if None not in each and 1 < len(set(each)) < len(each)]
+    ways = ways or ["data convert --session column:NAME, folder or meta:NAME"]
+    return f"keep together what was recorded together ({' or '.join(ways)})"
 
 
 def check_setups(data: Measured) -> Iterator[Finding]:
