@@ -156,6 +156,10 @@ def convert(
         time_unit=time_unit,
         on_error=on_error,
     )
+    from granular_id.recording import mixed_setup_warnings
+
+    if mixed := mixed_setup_warnings(data):
+        show("\n".join(mixed), "bold yellow", err=True, most=3)
     reported = partial(say_step, rest=history_of(output, {}))
     if split_gap_s is not None:
         data = reported(data.split(split_gap_s))

@@ -59,9 +59,10 @@ def common_units(data: Dataset) -> list[str]:
 
 
 def mixed_setup_warnings(data: Dataset) -> list[str]:
-    """Say where recordings of one data set differ in their frame, or in what was taken off them, one line each."""
+    """Say where recordings of one data set differ in frame, topic, array, or what was taken off them, one line each."""
     known = values_in(setups_in(data))
     follows = dict.fromkeys(("frame", "transform", "sign"), "nothing is turned")
+    follows["read_as"] = "another topic or array is another signal"
     follows |= dict.fromkeys(("compensated", *taken_off(known)), "their forces do not count from one zero")
     return [
         f"warning: recordings differ in their {name}: {', '.join(map(quoted, values))}; {what}"

@@ -258,6 +258,17 @@ def test_what_some_recordings_of_a_training_lack_is_none(data):
     )
 
 
+def test_recordings_of_other_topics_or_arrays_are_warned_of(data):
+    for first, other in (
+        ({"topic": "/raw"}, {"topic": "/comp"}),
+        ({"read_as": "array=a"}, {"read_as": "array=b"}),
+    ):
+        mixed = Dataset([*with_meta(data[:6], **first), *with_meta(data[6:], **other)])
+        (warned,) = mixed_setup_warnings(mixed)
+        assert warned.startswith("warning: recordings differ in their read_as: '")
+        assert mixed_setup_warnings(Dataset(with_meta(data, **first))) == []
+
+
 @pytest.mark.parametrize(
     ("now", "differs"),
     [("0.306 kg", False), ("0.31 kg", False), ("0.33 kg", True), ("1.5e+03 kg", True), ("1.2.3 kg", True)],
