@@ -156,10 +156,10 @@ def convert(
         time_unit=time_unit,
         on_error=on_error,
     )
-    from granular_id.recording import mixed_setup_warnings
+    from granular_id.recording import mixed_setup_warnings, short_warnings
 
-    if mixed := mixed_setup_warnings(data):
-        show("\n".join(mixed), "bold yellow", err=True, most=3)
+    if warnings := [*mixed_setup_warnings(data), *(short_warnings(data) if duration_s is None else ())]:
+        show("\n".join(warnings), "bold yellow", err=True, most=3)
     reported = partial(say_step, rest=history_of(output, {}))
     if split_gap_s is not None:
         data = reported(data.split(split_gap_s))

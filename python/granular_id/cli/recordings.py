@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -182,15 +182,29 @@ def _unprepared(data: Dataset, path: Path | None) -> WayOutError:
         )
     short = min(data, key=lambda recording: recording.n_samples)
     lengths = sorted(recording.n_samples / data.rate_hz for recording in data)
+    usual = lengths[len(lengths) // 2]
+    ways = [
+        "keep of all what the shortest has ",
+        typed(duration_s="shortest"),
+        "leave out the shorter ones ",
+        typed(duration_s=usual if lengths[0] > 0.8 * usual else _full(lengths), on_error="skip"),
+    ]
+    if lengths[0] <= 0.8 * usual:  # it may be cut off, and the others shall not be halved
+        ways = [*ways[2:], *ways[:2]]
     return WayOutError(
         f"recordings last {lengths[0]:.9g} to {lengths[-1]:.9g} s, the shortest is {short.name!r}; nothing is cropped "
-        "unasked: keep of all what the shortest has ",
-        typed(duration_s="shortest"),
-        ", or leave out the shorter ones ",
-        typed(duration_s=lengths[len(lengths) // 2], on_error="skip"),
+        "unasked: ",
+        *ways[:2],
+        ", or ",
+        *ways[2:],
         ", or cut windows ",
         typed(window_s=lengths[0]),
     )
+
+
+def _full(lengths: Sequence[float]) -> float:
+    """Return the shortest of the lengths that are about usual."""
+    return next(one for one in lengths if one > 0.8 * lengths[len(lengths) // 2])
 
 
 def _unlabelled(data: Dataset, path: Path | None) -> WayOutError:

@@ -37,6 +37,7 @@ from granular_id.recording.conditions import (
     labelled_check_note as labelled_check_note,
     mixed_setup_warnings as mixed_setup_warnings,
     setups_in as setups_in,
+    short_warnings as short_warnings,
 )
 from granular_id.recording.conversion import (
     Made as Made,

@@ -13,6 +13,8 @@ from granular_id._checks import WayOutError, argument_error
 from granular_id._core import GranularIdError
 from granular_id._text import counted, short, typed, verb
 from granular_id.recording.checks import Finding
+from granular_id.recording.checks.measured import Measured
+from granular_id.recording.checks.stated import check_lengths
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.onset import ONSET_STEP
 from granular_id.recording.recording import single_values, unit_of
@@ -69,6 +71,11 @@ def mixed_setup_warnings(data: Dataset) -> list[str]:
         for name, what in follows.items()
         if len(values := known.get(name, ())) > 1
     ]
+
+
+def short_warnings(data: Dataset) -> list[str]:
+    """Say which recordings are far shorter than the others, as `Dataset.check` does."""
+    return [str(finding) for finding in check_lengths(Measured(data.recordings))]
 
 
 SEVERE_PREFIXES = ("error: ", "warning: ")

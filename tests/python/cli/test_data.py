@@ -286,3 +286,22 @@ def test_show_compares_rates_and_axes(trained, pushes, tmp_path):
     assert shown["rate"].startswith("refused")
     assert shown["axes"].startswith("refused")
     assert "rate: data convert --resample-hz" in out
+
+
+def test_a_recording_that_was_cut_off_is_left_out_first(tmp_path):
+    rng = np.random.default_rng(0)
+    pushes = [
+        Recording(
+            rng.normal(size=(60 if i else 30, 6)), 125, label="ab"[i % 2], session=str(i // 4), name=str(i)
+        )
+        for i in range(12)
+    ]
+    file = save(Dataset(pushes), tmp_path / "cut.npz")
+    said = run("data", "convert", file, tmp_path / "same.npz")
+    assert "far shorter than the usual 0.472 s, the shortest is '0'" in " ".join(said.stderr.split())
+    words = ["--duration-s", "0.48", "--on-error", "skip"]
+    assert f"{' '.join(words)}) [0]" in " ".join(said.stderr.split())
+    command = next(line for line in refused("evaluate", file).splitlines() if "data convert" in line)
+    assert " ".join(words) in command
+    ended_well("data", "convert", file, tmp_path / "whole.npz", *words)
+    assert len(load(tmp_path / "whole.npz")) == 11

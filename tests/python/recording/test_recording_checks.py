@@ -67,6 +67,11 @@ def test_a_sound_set_is_only_said_to_be_small():
             "no-session",
             "(data convert --session file)",
         ),
+        (
+            [*SMALL, recording(11, name="cut")],
+            "short",
+            "1 recording far shorter than the usual 0.19 s, the shortest is 'cut'",
+        ),
         ([recording(session="x"), recording(session="x", seed=1)], "one-session", "none can be held out"),
         (
             [recording(session=f"s{i}", seed=i, start_time=43200.0 * i) for i in range(4)],

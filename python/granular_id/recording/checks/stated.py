@@ -23,6 +23,8 @@ SLOWEST_RATE_HZ = 1.0  # below it the stamps are rather in milliseconds than in 
 JITTER_TOLERANCE = 0.5
 # Share of samples inside filled gaps from which on a reader is warned: high frequencies are lost there.
 MANY_FILLED = 0.05
+# A recording is far shorter below this part of the usual length, where this part of all last about that, within 5 %.
+SHORT, MOST_EQUAL, NEARLY_EQUAL = 0.8, 0.8, 0.95
 _WORDS = {
     SampleFlag.GAP_FILLED: "were interpolated inside gaps, where high frequencies are lost",
     SampleFlag.SATURATED: "were marked as saturated when they were recorded",
@@ -158,6 +160,23 @@ def check_rates(data: Measured) -> Iterator[Finding]:
             f"{len(rates)} different rates, {rates[0]:g} to {rates[-1]:g} Hz; {len(other)} not at {usual:g}"
         )
         yield data.finding("warning", "rates-differ", message, other, rates_hz=rates)
+
+
+def check_lengths(data: Measured) -> Iterator[Finding]:
+    """Find few recordings that are far shorter than the others, which are about equal."""
+    lengths = np.array([r.duration_s for r in data.recordings])
+    usual = float(np.median(lengths))
+    short, equal = np.flatnonzero(lengths < SHORT * usual), lengths >= NEARLY_EQUAL * usual
+    if short.size and (equal & (lengths <= usual / NEARLY_EQUAL)).sum() >= MOST_EQUAL * lengths.size:
+        worst = data.recordings[int(lengths.argmin())]
+        whole = [one for one, is_equal in zip(data.recordings, equal.tolist(), strict=True) if is_equal]
+        fewest = min(one.n_samples / one.rate_hz if one.rate_hz else one.duration_s for one in whole)
+        message = (
+            f"{counted(short.size)} far shorter than the usual {usual:.3g} s, the shortest is {worst.name!r} "
+            f"({worst.duration_s:.3g} s): cut off? leave out the short ones "
+            f"(data convert --duration-s {fewest:.9g} --on-error skip)"
+        )
+        yield data.finding("warning", "short", message, short.tolist())
 
 
 def check_gaps(data: Measured) -> Iterator[Finding]:
