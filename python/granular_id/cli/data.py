@@ -46,7 +46,9 @@ def info(
     check_outputs(("--json", json, json_of("info")), source=path, force=force)
     from granular_id.recording import axes_in_words
 
-    data = read(path, label=label, session=session, axes=axes, units=units, csv=opt.csv_in(csv))
+    data = read(
+        path, quiet=details, label=label, session=session, axes=axes, units=units, csv=opt.csv_in(csv)
+    )
     summary = data.summary()
     synthetic = sum(recording.is_synthetic for recording in data)
     keys = sorted({key for recording in data for key in recording.meta})

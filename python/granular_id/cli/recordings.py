@@ -49,7 +49,9 @@ def read(path: Path, *, prepared: bool = False, quiet: bool = False, **options: 
         lines = [headline(data.recordings), *lines, *noticed_lines(report)]
     if lines:
         given = {name: options[name] for name in _OF_INFO if name in options}
-        show("\n".join(lines), err=True, most=_MOST_LINES if skipped else 4, rest=history_of(path, given))
+        # what has files that cannot be read is no data set of `data info`
+        rest = history_of(path, given, "check" if skipped else "info")
+        show("\n".join(lines), err=True, most=_MOST_LINES if skipped else 4, rest=rest)
     return data
 
 
@@ -113,10 +115,10 @@ def _python(code: str, path: Path) -> str:
     return f"python -c {quoted}"
 
 
-def history_of(path: Path, given: dict[str, Any]) -> str:
+def history_of(path: Path, given: dict[str, Any], command: str = "info") -> str:
     """Return the command that prints all of what reading and steps say of recordings."""
     words = command_words({name: value for name, value in given.items() if value})
-    return f"granular-id data info {shlex.quote(str(path))} {words}{' ' * bool(words)}--details"
+    return f"granular-id data {command} {shlex.quote(str(path))} {words}{' ' * bool(words)}--details"
 
 
 def say_step(data: Dataset, *, err: bool = False, rest: str = "") -> Dataset:

@@ -41,6 +41,8 @@ def test_info_prints_and_writes_what_is_there(folder, pushes, tmp_path):
     assert shown["summary"] == load(folder).summary().to_dict()
     assert [step["step"] for step in shown["history"]] == ["load"]
     assert "SYNTHETIC: 8 of 8 recordings" in ended_well("data", "info", pushes)
+    whole = run("data", "info", saved(make(), tmp_path / "blank name"), "--details").output
+    assert "--details" not in whole
 
 
 def test_check_exits_with_3_on_errors_only(folder, pushes, tmp_path):
@@ -54,7 +56,7 @@ def test_check_exits_with_3_on_errors_only(folder, pushes, tmp_path):
     assert any(finding["severity"] == "error" for finding in written(tmp_path / "check.json")["findings"])
 
 
-def test_check_names_each_unreadable_file_and_goes_on(tmp_path):
+def test_check_names_each_unreadable_file_and_goes_on(tmp_path, monkeypatch):
     source = saved(make(), tmp_path / "in")
     for name in ("oat_03.csv", "oat_05.csv"):
         (source / "oat" / name).write_text("nonsense\n", encoding="utf-8")
@@ -67,6 +69,10 @@ def test_check_names_each_unreadable_file_and_goes_on(tmp_path):
     ):
         assert name in message
         assert name in result.stdout
+    monkeypatch.chdir(tmp_path)
+    told = run("data", "convert", "in", "x.npz", "--on-error", "skip").stderr
+    (rest,) = re.findall(r"more lines: granular-id (.*)", told)
+    assert "oat_05.csv" in run(*rest.split()).stdout
     for path in source.rglob("*_*.csv"):
         path.write_text("nonsense\n", encoding="utf-8")
     assert "nonsense" in refused("data", "check", source)
