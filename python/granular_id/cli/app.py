@@ -20,7 +20,7 @@ from granular_id.cli.demo import demo
 from granular_id.cli.evaluate import evaluate
 from granular_id.cli.explain import explain
 from granular_id.cli.identify import identify
-from granular_id.cli.interrupts import raise_again
+from granular_id.cli.interrupts import NO_READER, is_lost, raise_again
 from granular_id.cli.live import live
 from granular_id.cli.outputs import show
 from granular_id.cli.record import record
@@ -44,6 +44,11 @@ class Commands(TyperGroup):
         """Run a command, and leave the process with its code."""
         try:
             code = super().main(*args, **kwargs | {"standalone_mode": False})
+        except SystemExit as end:
+            # typer and rich both make 1 of it, without a word
+            if isinstance(end.__context__, BrokenPipeError):
+                end.code = NO_READER
+            raise
         except typer.Abort:
             show("Aborted.", "yellow", err=True)
             sys.exit(1)
@@ -60,15 +65,17 @@ class Commands(TyperGroup):
                 )
                 show(f"error: {message[:1].lower()}{message[1:]}{help_}", "bold red", err=True)
             sys.exit(getattr(error, "exit_code", BAD_INPUT))
+        if code == INTERRUPTED:  # typer heard it, before the command or after it
+            show("Interrupted.", "yellow", err=True)
         sys.exit(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command: Ctrl-C, also before it has begun, ends with 130."""
+        """Run a command; Ctrl-C ends it with 130."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as stop:
             show(str(stop) or "Interrupted: no file was left half-written.", "yellow", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+            sys.exit(INTERRUPTED)
 
 
 class Command(TyperCommand):
@@ -89,6 +96,8 @@ class Command(TyperCommand):
         except (GranularIdError, OSError, ImportError) as error:
             # An ImportError with a name is a broken installation, not one of ours that says what to install.
             if isinstance(error, ImportError) and error.name is not None:
+                raise
+            if isinstance(error, BrokenPipeError) and is_lost(sys.stdout):
                 raise
             message = _words_of(error, {name for one in self.params for name in one.opts})
             show(f"error: {with_way_out(error, message)}", "bold red", err=True)

@@ -12,8 +12,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, TextIO
 
-import typer
-
 from granular_id.cli.outputs import show
 
 if TYPE_CHECKING:
@@ -22,6 +20,9 @@ if TYPE_CHECKING:
 _AGAIN_S = 0.02
 _LOOK_S = 0.1
 """Between two looks whether anybody reads what is written."""
+
+NO_READER = 141
+"""Exit code where nobody reads what is written: that of SIGPIPE, as shells know it."""
 
 _ENDINGS = {
     128 + number: number
@@ -51,9 +52,9 @@ def stopping_the_robot() -> Iterator[None]:
     """Stop the robot on every signal that ends a session, say so where it moved, and exit with the signal's code."""
     from granular_id.live.signals import stop_on_signals, stopped_robots
 
-    over = threading.Event()
+    over, unread = threading.Event(), threading.Event()
     with stop_on_signals():
-        threading.Thread(target=_watch_output, args=(over,), daemon=True).start()
+        threading.Thread(target=_watch_output, args=(over, unread), daemon=True).start()
         try:
             yield
         except (KeyboardInterrupt, SystemExit) as end:
@@ -61,24 +62,28 @@ def stopping_the_robot() -> Iterator[None]:
             if number is None:
                 raise
             leave_lost_terminal()
-            robot = {True: "the robot is stopped, ", False: "THE ROBOT MAY STILL MOVE, ", None: ""}[
-                stopped_robots()
-            ]
-            show(f"Ended by {number.name}: {robot}no file was left half-written.", "yellow", err=True)
-            raise typer.Exit(128 + number) from None
+            stopped = stopped_robots()
+            robot = {True: "the robot is stopped, ", False: "THE ROBOT MAY STILL MOVE, ", None: ""}[stopped]
+            why = "Nobody reads the output" if unread.is_set() else f"Ended by {number.name}"
+            if stopped is not None or not unread.is_set():
+                show(f"{why}: {robot}no file was left half-written.", "yellow", err=True)
+            sys.exit(NO_READER if unread.is_set() else 128 + number)
         finally:
             over.set()
 
 
-def _watch_output(over: threading.Event) -> None:
-    """Raise SIGHUP where nobody reads standard output any more: connections without a terminal end without a signal."""
+def _watch_output(over: threading.Event, unread: threading.Event) -> None:
+    """End a session, as SIGHUP does, where nobody reads its output: connections without a terminal send no signal."""
+    piped = not sys.stdout.isatty()  # a terminal that is closed sends its own signal, too
     while not over.wait(_LOOK_S):
-        if _is_lost(sys.stdout):
+        if is_lost(sys.stdout):
+            if piped:
+                unread.set()
             _thread.interrupt_main(signal.SIGHUP)
             return
 
 
-def _is_lost(stream: TextIO) -> bool:
+def is_lost(stream: TextIO) -> bool:
     """Whether the reader of a pipe is gone, or the terminal."""
     if not hasattr(select, "poll"):  # Windows
         return False
@@ -98,7 +103,7 @@ def leave_lost_terminal() -> None:
             try:
                 stream.flush()
                 os.write(descriptor, b"")
-                lost = _is_lost(stream)
+                lost = is_lost(stream)
             except OSError:
                 lost = True
             if lost:

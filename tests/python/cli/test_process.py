@@ -126,6 +126,28 @@ def test_ctrl_c_while_files_are_read_makes_none_bad(tmp_path):
     assert running.returncode == 0
 
 
+UNREAD = [
+    "--help",
+    "model {model} --details",
+    "identify {model} {folder} -q",
+    "data check {folder}",
+    "live --source sim:rice?speed=20 --model {model} --robot none",
+]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX systems")
+@pytest.mark.parametrize("typed", UNREAD)
+def test_output_that_nobody_reads_ends_quietly(folder, model, typed):
+    read, write = os.pipe()
+    os.close(read)
+    running = started(*typed.format(folder=folder, model=model).split(), stdout=write)
+    os.close(write)
+    _, errors = running.communicate(timeout=60)
+    assert running.returncode == 141
+    assert "error" not in errors
+    assert "Ended" not in errors
+
+
 # -- on a terminal
 
 
