@@ -87,9 +87,8 @@ def largest(sums):
 
 
 @pytest.mark.parametrize("name", SPACES)
-@pytest.mark.parametrize("pair", [("oat", "rice"), ("peas", "oat"), ("rice", "oat")])
-def test_every_table_adds_up_to_the_difference(name, pair, data):
-    X, y = data
+def test_every_table_adds_up_to_the_difference(name, data):
+    (X, y), pair = data, ("peas", "oat")
     sizes = block_sizes(MultiBand().fit(X)) if name == "best" else None
     classifier = BestClassifier(blocks=sizes) if name == "best" else ECOCClassifier()
     model = Pipeline([("space", SPACES[name]), ("classifier", classifier)]).fit(X[::2], y[::2])
@@ -107,36 +106,10 @@ def test_every_table_adds_up_to_the_difference(name, pair, data):
     assert len(seen.columns.names) == len(set(seen.columns.names)) == len(seen.weights)
 
 
-def test_tables_of_bands_are_those_of_the_names():
-    """Written anew from the names of the features."""
-    X, y = louder()
-    seen = explain(
-        make_pipeline(MultiBand(blocks=ALL), ECOCClassifier()).fit(as_wrench(X), y), "rice", "oat", X, y
-    )
-    axes, bands, blocks = {}, {}, {}
-    for name, value in zip(seen.columns.names, seen.contributions, strict=True):
-        words = name.split("_")
-        known = [word for word in words if word in ("fx", "fy", "fz", "tx", "ty", "tz")]
-        for axis in known:
-            axes[axis] = axes.get(axis, 0.0) + value / len(known)
-        place = int(words[0][1:]) if words[0][0] == "b" else words[0]
-        bands[place] = bands.get(place, 0.0) + value
-        block = next((word for word in words if word in ALL), "quantiles")
-        blocks[block] = blocks.get(block, 0.0) + value
-    assert seen.sums("axis") == pytest.approx(axes)
-    assert list(seen.sums("band").values()) == pytest.approx(list(bands.values()))
-    assert seen.sums("block") == pytest.approx(blocks)
-
-
 def test_weights_are_slopes_of_the_score(data):
     """A newton more in one sample moves the score by the weight of that sample."""
     X, y = data
-    model = make_pipeline(
-        RawSignal(),
-        PCA(15),
-        RICA(10, random_state=0),
-        ECOCClassifier(),
-    ).fit(X, y)
+    model = make_pipeline(RawSignal(), PCA(15), RICA(10, random_state=0), ECOCClassifier()).fit(X, y)
     weights = explain(model, "peas", "rice", X, y).weights.reshape(6, -1)
     for axis, sample in ((0, 0), (2, 211), (5, 399)):
         moved = X[:1].copy()
@@ -165,15 +138,6 @@ def test_a_planted_time_is_found(space):
     assert largest(seen.sums("axis")) == "fz"
     assert largest(seen.sums("time")) == "0.80-1.20 s"
     assert seen.table("time")["0.80-1.20 s"]["fz"] > 0.7 * seen.difference
-
-
-def test_time_of_a_feature_is_shared_by_how_long_it_lasts():
-    X, y, _ = two_materials(n_each=4, n_samples=80)
-    X[y == "rice", :20, 2] *= 5  # the first of four stretches of the envelope: two of eight
-    model = make_pipeline(MultiBand(blocks=["envelope"]), ECOCClassifier()).fit(as_wrench(X), y)
-    by_time = list(explain(model, "rice", "oat", X, y).sums("time").values())
-    assert by_time[0] == pytest.approx(by_time[1])
-    assert by_time[0] > 0.2 * sum(by_time)
 
 
 @pytest.mark.parametrize("bin_range", [(-1.5, 1.5), "auto"])
@@ -254,17 +218,9 @@ def test_a_model_that_gives_data_frames_is_explained(data):
     np.testing.assert_allclose(framed.contributions, plain.contributions)
 
 
-@pytest.mark.parametrize(
-    "matrix",
-    [
-        2 * np.eye(4) - 1,  # one against all
-        [[1, 1, 1], [-1, 1, 1], [-1, -1, 1], [-1, -1, -1]],  # one after the other
-        [[1, 0, 1], [-1, 1, 0], [0, -1, 1], [1, 1, -1]],
-    ],
-)
-def test_factors_are_differences_under_the_linear_loss(matrix):
-    matrix = np.asarray(matrix, dtype=np.int8)
-    scores = np.random.default_rng(0).normal(size=(5, matrix.shape[1]))
+def test_factors_are_differences_under_the_linear_loss():
+    matrix = np.array([[1, 0, 1], [-1, 1, 0], [0, -1, 1], [1, 1, -1]], dtype=np.int8)
+    scores = np.random.default_rng(0).normal(size=(5, 3))
     losses = (1 - matrix[None] * scores[:, None, :]) / 2 * np.abs(matrix)
     values = -losses.sum(axis=2) / np.abs(matrix).sum(axis=1)
     for first, second in ((0, 3), (2, 1)):
@@ -318,17 +274,13 @@ def test_axes_and_units_are_those_of_the_data_set(fitted_on, bin_range):
         assert [block.name for block in seen.columns.along] == [f"hfmh_{axis}" for axis in GYRO]
 
 
-@pytest.mark.parametrize("rate_hz", [500.0, None])
-@pytest.mark.parametrize("n_samples", [3, 8, 100])
-@pytest.mark.parametrize("n_axes", [1, 6, 13])
+@pytest.mark.parametrize(("n_axes", "n_samples", "rate_hz"), [(1, 3, None), (13, 8, 500.0)])
 def test_any_number_of_samples_and_axes_adds_up(n_axes, n_samples, rate_hz):
     X, y, _ = two_materials(n_each=4, n_samples=n_samples, n_axes=n_axes)
-    found = explain(
-        make_pipeline(RawSignal(rate_hz=rate_hz), ECOCClassifier()).fit(X, y), "rice", "oat", X, y
-    )
+    model = make_pipeline(RawSignal(rate_hz=rate_hz), ECOCClassifier()).fit(X, y)
+    found = explain(model, "rice", "oat", X, y)
     assert (len(found.sums("time")), len(found.sums("axis"))) == (8, n_axes)  # stretches of different names
-    for by in ("time", "axis"):
-        assert sum(found.sums(by).values()) == pytest.approx(found.difference)
+    assert added_up(found.table("time")) == pytest.approx(found.difference)
 
 
 # -- refusals
@@ -347,20 +299,13 @@ def fitted():
     [
         ({"second": "sand"}, "second must be one of 'oat', 'peas', 'rice', got 'sand'"),
         ({"second": "oat"}, "first and second must be two materials, got 'oat' twice"),
-        ({"first": np.array(["oat", "peas"])}, "first must be one of 'oat', 'peas', 'rice', got array"),
         ({"X": X[Y != "rice"], "y": Y[Y != "rice"]}, "y has no 'rice'"),
         ({"X": X[Y == "oat"], "y": None}, "model names no recording of X 'rice'"),
         ({"y": Y[:3]}, "y must have one label per recording of X, got 3 for X of 36 recordings"),
         ({"X": X[:, :30]}, r"X must have shape \(n, 100, 6\) as in fit"),
-        (
-            {"X": X[0, 0]},
-            r"X must be recordings, a Dataset or an array \(n, T, C\), got ndarray of shape \(6,\)",
-        ),
+        ({"X": X[0, 0]}, r"X must be recordings, a Dataset or an array .* got ndarray of shape \(6,\)"),
         ({"X": [[1.0, 2.0], [1.0]], "y": ["oat", "rice"]}, "X must be recordings of one shape"),
         ({"axes": ("fx", "fy", "fz")}, "axes must be 6 different names, one for each axis of X, got"),
-        ({"axes": ("fx",) * 6}, "axes must be 6 different names"),
-        ({"axes": "fxfyfz"}, "axes must be 6 different names"),
-        ({"axes": [1, 2, 3, 4, 5, 6]}, "axes must be 6 different names"),
     ],
 )
 def test_bad_arguments_are_refused(fitted, change, message):
@@ -374,10 +319,7 @@ def test_bad_arguments_are_refused(fitted, change, message):
     [
         (ECOCClassifier(), "model must be a Pipeline of a feature space and an ECOCClassifier"),
         (make_pipeline(RawSignal(), LogisticRegression()), "or a BestClassifier, got LogisticRegression"),
-        (
-            make_pipeline(RawSignal(), MinMaxScaler(), ECOCClassifier()),
-            "got MinMaxScaler, which cannot be foll",
-        ),
+        (make_pipeline(RawSignal(), MinMaxScaler(), ECOCClassifier()), "got MinMaxScaler"),
         (make_pipeline(TimePermutation(random_state=0), RawSignal(), ECOCClassifier()), "TimePermutation"),
     ],
 )
