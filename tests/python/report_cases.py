@@ -16,8 +16,8 @@ HOSTILE = {
 
 
 def hostile_data():
-    """Twelve materials, each of a level of its own, with names that are markup, mathematics or much too long."""
-    labels = [*HOSTILE.values(), *(f"material number {i:02d}" for i in range(12 - len(HOSTILE)))]
+    """Seven materials, each of a level of its own, with names that are markup, mathematics or much too long."""
+    labels = [*HOSTILE.values(), *(f"material number {i:02d}" for i in range(3))]
     k = len(labels)
     return Dataset(
         [

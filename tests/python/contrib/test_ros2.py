@@ -304,12 +304,6 @@ def test_node_refuses_what_is_wrong_in_one_line(changes, words, wanted, ros, run
     assert error.count("\n") == 1
 
 
-def test_node_silent_topic_is_published_as_a_failure(ros, run, monkeypatch):
-    monkeypatch.setattr("granular_id.live.push._QUIET_S", 1.0)
-    ros.script = rest(500)
-    assert "ROS 2 topic /ft delivered nothing for 1 s" in run(code=2)
-    [(level, _, values)] = ros.answers()
-    assert (level, values["failure"]) == (DiagnosticStatus.ERROR, "no rows")
 
 
 def test_node_ctrl_c_ends_it_with_the_summary(ros, run, heeding_interrupts):

@@ -80,7 +80,7 @@ def a_wrench(rng, shape):
     elif kind == 6:
         x = rng.integers(-9, 9, shape).astype(np.float64)
     elif kind == 7:
-        x = x * 0.3 + rng.uniform(-40, 40, (1, 1, shape[2]))
+        x = x * 0.3 + rng.uniform(-40, 40, shape[-1])
     return x
 
 

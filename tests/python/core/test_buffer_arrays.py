@@ -45,8 +45,6 @@ def refused(method, error, message, *arguments, **keywords):
     ("method", "error", "message", "arguments", "keywords"),
     [
         refused("push_block", ValueError, r"wrench .*\(n, 6\), got \(1, 3, 6\)", GOOD[None]),
-        refused("push_block", TypeError, "wrench .* got dtype complex128", GOOD + 1j),
-        refused("push_block", TypeError, "wrench .* got a masked one", np.ma.masked_array(GOOD)),
         refused("push_block", ValueError, r"t .*\(3,\), one per row of wrench, got \(2,\)", GOOD, [0, 1]),
         refused("push_block", ValueError, "t must .* seconds, got -0.1 at row 1", GOOD, [0, -0.1, 1]),
         refused("push_block", ValueError, "t must .* got NaN at row 2", GOOD, [0, 1, np.nan]),
@@ -57,15 +55,10 @@ def refused(method, error, message, *arguments, **keywords):
         refused("push_block", ValueError, "host_ns .* got -5 at row 1", GOOD, host_ns=[0, -5, 2]),
         refused("push_block", ValueError, r"host_ns .*\(3,\), .*, got \(2,\)", GOOD, host_ns=[0, 1]),
         refused("push_block", ValueError, "host_ns must be an integer from 0", GOOD, host_ns=-1),
-        refused("push_block", TypeError, "host_ns must be an integer .*got 0.5", GOOD, host_ns=0.5),
         refused("push", ValueError, r"wrench .*\(6,\), got \(1, 6\)", ROW[None]),
-        refused("push", TypeError, "t must be a real number .*got '1'", ROW, "1"),
         refused("push", ValueError, "t must .* got -1", ROW, -1),
         refused("push", ValueError, "flags .* got -1", ROW, flags=-1),
-        refused("push", TypeError, "flags must be an integer .*got 1.0", ROW, flags=1.0),
-        refused("window", ValueError, "n must be .*, got 0", 0),
         refused("window", ValueError, "n must be .*, got 5001", 5001),
-        refused("window", TypeError, "n must be an integer .*got 1.5", 1.5),
         refused("window", ValueError, "fill must be 'none' or 'nan' or 'linear', got", 1, fill="cubic"),
         refused("window", ValueError, "max_gap must be an integer from 0", 1, max_gap=-1),
         refused("window", TypeError, "bool.*allow_saturated", 1, allow_saturated="no"),
@@ -87,12 +80,9 @@ def test_bad_input_is_one_clear_error_and_nothing_is_taken(method, error, messag
     [
         (ValueError, "seconds must be positive and give at most 16777216 rows", {"seconds": 0}),
         (ValueError, "seconds must be positive and give at most", {"seconds": 1e9}),
-        (TypeError, "seconds must be a real number .*got 'a'", {"seconds": "a"}),
         (ValueError, "rate_hz must be positive and finite, got -1", {"rate_hz": -1}),
         (ValueError, "tick_hz must be finite and at least rate_hz = 500, got 100", {"tick_hz": 100}),
         (ValueError, "reorder_depth must be .*, got 1025", {"reorder_depth": 1025}),
-        (TypeError, "reorder_depth must be an integer .*got 1.5", {"reorder_depth": 1.5}),
-        (ValueError, "n_axes must be .*, got 0", {"n_axes": 0}),
     ],
 )
 def test_buffers_that_are_refused(error, message, options):
@@ -109,19 +99,10 @@ def test_rows_of_another_number_of_axes_are_refused():
     assert buffer.stats()["written"] == 0
 
 
-@pytest.mark.parametrize(
-    ("method", "error", "argument"),
-    [
-        ("read", ValueError, 0),
-        ("read", TypeError, 1.5),
-        ("wait", ValueError, -1),
-        ("wait", ValueError, float("nan")),
-        ("wait", TypeError, "soon"),
-    ],
-)
-def test_reads_that_are_refused(method, error, argument):
-    with pytest.raises(error, match=r"(max_rows|timeout_s) must"):
-        getattr(WrenchBuffer().reader(), method)(argument)
+@pytest.mark.parametrize("timeout_s", [-1, float("nan")])
+def test_wait_for_no_time_is_refused(timeout_s):
+    with pytest.raises(ValueError, match="timeout_s must"):
+        WrenchBuffer().reader().wait(timeout_s)
 
 
 def test_nothing_is_a_block_too():

@@ -90,21 +90,8 @@ def test_children_finish_a_batch_like_their_parents(method):
     assert work.batch_digest() == wanted
 
 
-def test_children_of_joblib_finish_a_batch_like_their_parents():
-    from joblib.externals.loky import ProcessPoolExecutor
-
-    wanted = work.batch_digest()
-    results = []
-    while len({process for _, process in results}) < N_CHILDREN:  # new processes each time
-        with ProcessPoolExecutor(max_workers=2, timeout=HANGS_S) as executor:
-            tasks = [executor.submit(work.digest_and_process) for _ in range(3)]
-            results += [task.result(timeout=HANGS_S) for task in tasks]
-    assert {digest for digest, _ in results} == {wanted}
-    assert os.getpid() not in {process for _, process in results}
-
-
 @needs_fork
-@pytest.mark.parametrize("methods_of_both", [("fork", "fork"), ("fork", "spawn"), ("spawn", "fork")])
+@pytest.mark.parametrize("methods_of_both", [("fork", "fork"), ("spawn", "fork")])
 def test_a_child_of_a_child(methods_of_both):
     first, second = (multiprocessing.get_context(method) for method in methods_of_both)
     digest, _ = work.in_child(first, 2 * HANGS_S, work.send_digest_of_a_child, (second, HANGS_S))
@@ -183,18 +170,6 @@ def test_fork_while_another_thread_pushes(kind):
 
 
 @needs_fork
-def test_fork_while_another_thread_waits_for_rows():
-    reader = WrenchBuffer(seconds=1.0).reader()
-
-    def answer():
-        return f"{reader.wait(0.0)} {len(reader.read())} {reader!r}"
-
-    with thread_at_work(lambda: reader.wait(0.0003)):
-        answers = [in_bare_child(answer) for _ in range(max(N_CHILDREN, 12))]
-    assert set(answers) == {answer()}
-
-
-@needs_fork
 def test_fork_while_other_threads_fill_and_read_a_buffer():
     """The child has whole rows in order, may push its own, and neither end disturbs the parent's."""
     buffer = WrenchBuffer(seconds=1.0, rate_hz=500.0, tick_hz=500.0)
@@ -204,6 +179,7 @@ def test_fork_while_other_threads_fill_and_read_a_buffer():
         ticks = np.arange(64.0) + 64 * next(first)
         buffer.push_block(np.repeat(ticks[:, None], 6, axis=1), ticks / 500.0)
         reader.read()
+        reader.wait(0.0003)
 
     def answer():
         reader.read()  # whatever was ahead

@@ -1,4 +1,4 @@
-"""Objects that the core asks for numbers and arrays: they raise, answer with other things, or come back meanwhile.
+"""Every argument that the core takes: things of another kind, objects that raise, answer oddly, or come back meanwhile.
 
 Arrays that change while they are read are in `test_callers.py`.
 """
@@ -41,21 +41,22 @@ def raised(error):
     return Hostile(answer)
 
 
+# The first word of a key is the name by which an argument is refused.
 INTEGERS = {
-    "n_samples of a spec": lambda it: SPEC.n_features(it, 6),
+    "n_samples": lambda it: SPEC.n_features(it, 6),
     "order": lambda it: gid.FeatureSpec(order=it),
     "threads": lambda it: _core.extract_features(X, SPEC, it),
     "threads of scores": lambda it: MODEL.scores(np.zeros((2, 3)), it),
-    "bins": lambda it: _core.histogram(ROW, it, -1.0, 1.0),
+    "n_bins": lambda it: _core.histogram(ROW, it, -1.0, 1.0),
     "axis": lambda it: _core.sosfilt(SOS, ROW, it, None),
     "hop": lambda it: gid.StreamingExtractor(SPEC, hop=it),
     "n_axes of a model": lambda it: _core.Model(SPEC, ROW, ROW, ROW, ["a"], n_axes=it),
     "n_axes of multi-band features": lambda it: _core.MultiBandExtractor(100, it),
-    "size of a file": lambda it: _core.Model.from_bytes(b"", max_file_bytes=it),
+    "max_file_bytes": lambda it: _core.Model.from_bytes(b"", max_file_bytes=it),
     "reorder_depth": lambda it: WrenchBuffer(reorder_depth=it),
     "flags": lambda it: WrenchBuffer().push(ROW, flags=it),
     "host_ns": lambda it: WrenchBuffer().push(ROW, host_ns=it),
-    "n of a window": lambda it: WrenchBuffer().window(it),
+    "n": lambda it: WrenchBuffer().window(it),
     "max_rows": lambda it: WrenchBuffer().reader().read(it),
 }
 NUMBERS = {
@@ -68,19 +69,19 @@ NUMBERS = {
 ARRAYS = {
     "wrench": lambda it: _core.extract_features(it, SPEC, 1),
     "bin_range": lambda it: gid.FeatureSpec(bin_range=it),
-    "values": lambda it: _core.histogram(it, 4, -1.0, 1.0),
+    "a": lambda it: _core.histogram(it, 4, -1.0, 1.0),
     "sos": lambda it: _core.sosfilt(it, ROW, 0, None),
     "x": lambda it: _core.sosfilt(SOS, it, 0, None),
     "zi": lambda it: _core.sosfilt(SOS, ROW, 0, it),
     "coef": lambda it: _core.Model(SPEC, it, [0.0], [[1], [-1]], ["a", "b"]),
     "scores": MODEL.apply_rules,
-    "recordings of a model": MODEL.scores,
+    "wrench of a model": MODEL.scores,
     "scales": lambda it: _core.MultiBandExtractor(100, 6, scales=it),
-    "rows of a stream": lambda it: gid.StreamingExtractor(SPEC).push(it),
-    "rows of an identifier": lambda it: _core.StreamingIdentifier(MODEL).push(it),
-    "a row": lambda it: WrenchBuffer().push(it),
-    "rows": lambda it: WrenchBuffer().push_block(it),
-    "times of rows": lambda it: WrenchBuffer().push_block([ROW], it),
+    "wrench of a stream": lambda it: gid.StreamingExtractor(SPEC).push(it),
+    "wrench of an identifier": lambda it: _core.StreamingIdentifier(MODEL).push(it),
+    "wrench of a row": lambda it: WrenchBuffer().push(it),
+    "wrench of rows": lambda it: WrenchBuffer().push_block(it),
+    "t of rows": lambda it: WrenchBuffer().push_block([ROW], it),
 }
 ARGUMENTS = {**INTEGERS, **NUMBERS, **ARRAYS}
 
@@ -94,22 +95,48 @@ def test_what_an_argument_raises_arrives_as_it_is(argument, error):
     assert got.value is mine
 
 
+def named(argument):
+    return rf"^{argument.split()[0]} must "
+
+
 @pytest.mark.parametrize("argument", [*INTEGERS, *NUMBERS])
-def test_an_answer_of_another_type_is_a_type_error(argument):
-    for answer in ("1", None, [1, 2], 1j, object(), *([] if argument in NUMBERS else [1.5])):
-        with pytest.raises(TypeError):
-            ARGUMENTS[argument](Hostile(lambda answer=answer: answer))
+def test_number_of_another_type_is_refused_by_name(argument):
+    for given in ("1", None, [1, 2], 1j, object(), *([] if argument in NUMBERS else [1.5, 1.0])):
+        with pytest.raises(TypeError, match=named(argument)):
+            ARGUMENTS[argument](Hostile(lambda given=given: given))
 
 
 @pytest.mark.parametrize(
-    "answer",
-    [None, [1.0], "1", np.array([object()]), np.array(["1"]), np.array(1j)],
-    ids=["None", "a list", "a text", "objects", "texts", "a complex number"],
+    "argument", INTEGERS.keys() - {"n_samples", "axis", "reorder_depth", "flags", "host_ns"}
 )
+def test_integer_below_one_is_refused_by_name(argument):
+    for integer in (0, -1):
+        with pytest.raises(ValueError, match=named(argument)):
+            INTEGERS[argument](integer)
+
+
+NO_ARRAYS = {
+    "None": Hostile(lambda: None),
+    "a list": Hostile(lambda: [1.0]),
+    "a text": "1",
+    "a generator": (number for number in [1.0]),
+    "objects": np.array([object()]),
+    "texts": Hostile(lambda: np.array(["1"])),
+    "dates": np.zeros(3, "M8[s]"),
+    "records": np.zeros(3, "f8,f8"),
+    "integers beyond 64 bits": [10**30, 1],
+    "a complex number": Hostile(lambda: np.array(1j)),
+    "a masked array": np.ma.masked_array([1.0, 2.0], [0, 1]),
+    "ragged lists": [[1.0], [1.0, 2.0]],
+}
+
+
+@pytest.mark.parametrize("given", NO_ARRAYS)
 @pytest.mark.parametrize("argument", ARRAYS)
-def test_answer_that_is_no_array_is_refused_by_name(argument, answer):
-    with pytest.raises((TypeError, ValueError), match=r"must (be an array of|hold) real numbers"):
-        ARRAYS[argument](Hostile(lambda: answer))
+def test_what_is_no_array_of_numbers_is_refused_by_name(argument, given):
+    wanted = "be a plain array" if given == "a masked array" else "(be an array of|hold) real numbers"
+    with pytest.raises((TypeError, ValueError), match=named(argument) + wanted):
+        ARRAYS[argument](NO_ARRAYS[given])
 
 
 def test_integers_beyond_any_size_are_out_of_range():

@@ -130,13 +130,6 @@ def test_file_over_the_limit(tmp_path):
         Model.read(path)
 
 
-@pytest.mark.parametrize(("limit", "error"), [(0, ValueError), (1.5, TypeError)])
-@pytest.mark.parametrize(("read", "argument"), [(Model.from_bytes, GOOD), (Model.read, "model.safetensors")])
-def test_limits_that_are_none(read, argument, limit, error):
-    with pytest.raises(error, match="max_file_bytes must be an integer"):
-        read(argument, max_file_bytes=limit)
-
-
 def test_files_that_cannot_be_read_are_errors_of_the_system(tmp_path):
     with pytest.raises(FileNotFoundError) as caught:
         Model.read(tmp_path / "none")

@@ -227,13 +227,11 @@ def test_a_recording_far_beyond_the_scales_is_named():
     ("changed", "message"),
     [
         ({"rate_hz": 0.0}, "rate_hz must be positive and finite, got 0"),
-        ({"rate_hz": "fast"}, "rate_hz must be a real number"),
         ({"blocks": "coupling"}, "(?s)(str|int).*blocks"),
         ({"blocks": ["couplings"]}, "each of blocks must be 'coupling' or 'quantiles' or"),
         ({"blocks": ["level", "level"]}, "blocks must name each block once, got 'level' twice"),
         ({"blocks": []}, "blocks must name at least one block that recordings of 50 samples of 3 axes have"),
         ({"n_samples": 25, "blocks": ["coupling"]}, "at least one block that recordings of 25 samples of 3"),
-        ({"n_samples": 0}, "n_samples must be an integer of at least 1"),
         ({"n_samples": 2**40}, "n_samples must be from 1 to"),
         ({"n_axes": 10**9}, "n_samples and n_axes must give fewer features, got 50 and 1000000000"),
         ({"scales": np.ones((3, 2))}, r"scales must have shape \(5, 3\), got \(3, 2\)"),
@@ -254,8 +252,6 @@ def test_arguments_are_refused_by_name(changed, message):
         (np.zeros((2, 51, 3)), {}, "at most 50 samples of 3 axes, got 51 samples of 3"),
         (np.zeros(50), {}, "X must have shape"),
         (np.zeros((2, 0, 3)), {}, "must not be empty"),
-        ("text", {}, "X must hold real numbers"),
-        (np.zeros((2, 50, 3)), {"threads": 0}, "threads must be an integer of at least 1"),
     ],
 )
 def test_recordings_that_are_refused(X, keywords, message):

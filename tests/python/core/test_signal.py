@@ -110,8 +110,6 @@ def changed(column, value):
         (changed(5, 1.21), ValueError, "sos must be stable, got section 2 with a pole of radius 1.1"),
         (np.zeros((0, 6)), ValueError, "sos must have at least one section"),
         (1.0, ValueError, r"sos must have shape \(n_sections, 6\), got \(\)"),
-        (SOS.astype(complex), TypeError, "sos must hold real numbers, got dtype complex128"),
-        (None, TypeError, "sos must hold real numbers, got dtype object"),
     ],
 )
 def test_bad_sections_raise(sos, error, message):
@@ -121,38 +119,15 @@ def test_bad_sections_raise(sos, error, message):
 
 
 @pytest.mark.parametrize(
-    ("x", "error", "message"),
+    ("changes", "message"),
     [
-        (1.5, ValueError, "x must be at least 1-D"),
-        (X.astype(complex), TypeError, "x must hold real numbers, got dtype complex128"),
-        (np.zeros(40, "M8[s]"), TypeError, "x must hold real numbers, got dtype datetime64"),
-        (np.ma.masked_array(X, X > 0), TypeError, "x must be a plain array, got a masked one"),
-        ([[1.0], [1.0, 2.0]], ValueError, "x must be an array of real numbers, got .*list"),
-        (None, TypeError, "x must hold real numbers, got dtype object"),
+        ({"x": 1.5}, "x must be at least 1-D"),
+        ({"axis": 2}, "axis must be"),
+        ({"axis": -3}, "axis must be"),
+        ({"zi": np.zeros((4, 2))}, r"Invalid zi shape: zi must have shape \(4, 2, 3\) .*got \(4, 2\)"),
+        ({"zi": np.zeros((3, 2, 3))}, "Invalid zi shape.*with 4 sections"),
     ],
 )
-def test_bad_signals_raise(x, error, message):
-    with pytest.raises(error, match=message):
-        sosfilt(SOS, x)
-
-
-@pytest.mark.parametrize(
-    ("axis", "error"),
-    [(2, ValueError), (-3, ValueError), (10**30, ValueError), (1.0, TypeError), (None, TypeError)],
-)
-def test_sosfilt_along_a_bad_axis_raises(axis, error):
-    with pytest.raises(error, match="axis must be"):
-        sosfilt(SOS, X, axis)
-
-
-@pytest.mark.parametrize(
-    ("zi", "error", "message"),
-    [
-        (np.zeros((4, 2)), ValueError, r"Invalid zi shape: zi must have shape \(4, 2, 3\) .*got \(4, 2\)"),
-        (np.zeros((3, 2, 3)), ValueError, "Invalid zi shape.*with 4 sections"),
-        (np.zeros((4, 2, 3), complex), TypeError, "zi must hold real numbers, got dtype complex128"),
-    ],
-)
-def test_bad_states_raise(zi, error, message):
-    with pytest.raises(error, match=message):
-        sosfilt(SOS, X, 0, zi=zi)
+def test_sosfilt_of_bad_arguments_raises(changes, message):
+    with pytest.raises(ValueError, match=message):
+        sosfilt(**{"sos": SOS, "x": X, "axis": 0, **changes})
