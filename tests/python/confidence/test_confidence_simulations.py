@@ -14,6 +14,7 @@ from granular_id.recording import Dataset, Recording
 from granular_id.synthetic import PAPER_MATERIALS
 
 N_MATERIALS, N_SAMPLES, SCALE = 3, 60, 0.03  # N of a unit of level: margins so soft that libsvm ends soon
+BARE = {"target_error": None, "share_known": None}
 MATERIALS = [material.name for material in PAPER_MATERIALS]
 
 
@@ -24,9 +25,8 @@ def pushes(rng, correlation, n_sessions, n_rows, *, name="s", own=False, separat
     materials, or `own` of each.
     """
     session, material = (rows.ravel() for rows in np.indices((n_sessions, N_MATERIALS, n_rows))[:2])
-    effect = np.sqrt(correlation / (1 - correlation)) * rng.normal(
-        size=(n_sessions, N_MATERIALS if own else 1, 6)
-    )
+    effect = rng.normal(size=(n_sessions, N_MATERIALS if own else 1, 6))
+    effect *= np.sqrt(correlation / (1 - correlation))
     levels = separation * np.eye(6)[material] + effect[session, material if own else 0]
     levels += rng.normal(size=levels.shape)
     waves = (levels[:, None] + white * rng.normal(size=(len(levels), N_SAMPLES, 6))) * SCALE
@@ -50,9 +50,7 @@ def close_to(values):
 def test_candidates_hold_the_material_in_new_sessions(n_sessions, correlation):
     rng, shares, sizes = np.random.default_rng(2), [], []
     for _ in range(cases(12)):
-        model = gid.Identifier.fit(
-            pushes(rng, correlation, n_sessions, 4), "raw", target_error=None, share_known=None
-        )
+        model = gid.Identifier.fit(pushes(rng, correlation, n_sessions, 4), "raw", **BARE)
         new = pushes(rng, correlation, 20, 4, name="new")
         named = [answer.candidates for answer in map(model.identify, new.X)]
         shares.append(np.mean([label in names for label, names in zip(new.y, named, strict=True)]))
@@ -67,9 +65,7 @@ def test_probabilities_are_not_too_sure_in_new_sessions(spread):
     correlation = spread**2 / (1 + spread**2)
     settings = {"own": True, "white": 0.3}
     for _ in range(cases(12)):
-        model = gid.Identifier.fit(
-            pushes(rng, correlation, 4, 8, **settings), "raw", target_error=None, share_known=None
-        )
+        model = gid.Identifier.fit(pushes(rng, correlation, 4, 8, **settings), "raw", **BARE)
         new = pushes(rng, correlation, 12, 8, name="new", **settings)
         shares = model.predict_proba(new.X)
         off.append(shares.max(axis=1).mean() - np.mean(model.predict(new.X) == new.y))
@@ -104,9 +100,8 @@ def test_known_materials_are_rarely_refused_in_new_sessions():
     refused = []
     for seed in range(min(cases(3), 50)):
         names = np.random.default_rng(seed).permutation(MATERIALS)[:6].tolist()
-        data, new = (
-            gid.synthesize(names, 18, 6, seed=s, duration_s=1.6, rate_hz=250.0) for s in (seed, 1000 + seed)
-        )
+        about = {"duration_s": 1.6, "rate_hz": 250.0}
+        data, new = (gid.synthesize(names, 18, 6, seed=s, **about) for s in (seed, 1000 + seed))
         model = gid.Identifier.fit(data, "multiband", target_error=None, coverage=None)
         refused.append(np.mean([answer.unknown for answer in map(model.identify, new.X)]))
     print(f"{100 * np.mean(refused):.1f} % of known pushes refused")

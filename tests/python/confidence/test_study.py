@@ -108,12 +108,7 @@ def test_numbers_do_not_depend_on_threads(data, study):
 
 def test_table_and_file_hold_every_figure(study, tmp_path):
     sure, text = study.reliability, str(study)
-    for words in (
-        "hfmh with ",
-        "48 recordings, 4 sessions",
-        f"right {100 * sure.accuracy:.1f} %",
-        "worst session",
-    ):
+    for words in ("hfmh", "48 recordings, 4 sessions", f"{100 * sure.accuracy:.1f} %", "worst session"):
         assert words in text
     study.save(tmp_path / "c.json")
     stored = json.loads((tmp_path / "c.json").read_text())
@@ -179,9 +174,8 @@ def test_figure_shows_the_figures(study, tmp_path):
     assert lines["mean over sessions"] == [one.mean for one in study.coverage]
     assert lines["worst session"] == [one.worst for one in study.coverage]
     assert f"AUROC {np.mean([one.auroc for one in study.unknown]):.3f}" in unknown.get_xlabel()
-    assert "worst session" not in {
-        line.get_label() for line in plot_confidence(replace(study, n_sessions=0)).axes[1].lines
-    }
+    without = plot_confidence(replace(study, n_sessions=0)).axes[1]
+    assert "worst session" not in {line.get_label() for line in without.lines}
 
 
 @pytest.mark.parametrize(("more", "height"), [([50.0], 1 / 46), ([], 0.0)])

@@ -6,8 +6,7 @@ import pytest
 from evaluation_cases import QUIET
 from granular_id.evaluation import evaluate
 from granular_id.io import load
-from granular_id.spaces import all_spaces, feature_spaces
-from robot_failures import RATE_HZ, load_failures
+from robot_failures import load_failures
 
 pytestmark = pytest.mark.data
 
@@ -75,17 +74,3 @@ def test_unbalanced_short_recordings_are_as_hard_as_published(data_dir, name):
         assert sorted(result.headline.rows) == list(range(len(data)))
         if by == "random":
             assert result.headline.right.mean() == pytest.approx(published, abs=0.08)
-
-
-@pytest.mark.filterwarnings("ignore:cutoff_hz=23 leaves nearly nothing")
-def test_all_spaces_and_baselines_over_random_folds(data_dir):
-    data = load_failures(data_dir / "robot_failures", "lp2")
-    spaces = feature_spaces(rate_hz=RATE_HZ, bin_range=(-100.0, 100.0))
-    names = all_spaces(spaces)
-    result = evaluate(
-        data, {name: spaces[name] for name in names}, by="random", progress=False, accept=COPIES
-    )
-    assert list(result.spaces) == names
-    assert min(result.accuracy(name) for name in names) > 0.15
-    assert result.accuracy("raw") > 0.4
-    assert [one.held for one in result.baselines] == [None, None]

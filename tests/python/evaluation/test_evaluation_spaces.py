@@ -15,10 +15,8 @@ from evaluation_cases import LABELS, QUIET, TOOLS, with_tools
 from granular_id._estimators import convergence_warnings
 from granular_id.evaluation import choice_tables, evaluate
 from granular_id.recording import Dataset, Recording
-from granular_id.report import write
 from granular_id.rica import RICA
 from granular_id.spaces import (
-    HFMH,
     BestClassifier,
     FeatureSpace,
     MultiBand,
@@ -106,24 +104,6 @@ def test_a_constant_axis_changes_nothing_that_the_others_tell(data):
     assert {name: held.accuracy for name, held in result.held.items() if held.accuracy <= 0.3} == {}
 
 
-@pytest.mark.parametrize(
-    ("axes", "space"),
-    [(("fz",), "best"), (("x", "y", "z"), "hfmh"), (tuple(f"s{k}" for k in range(13)), "hfmh")],
-)
-def test_recordings_of_other_axes_are_evaluated_and_drawn(tmp_path, axes, space):
-    random = np.random.default_rng(0)
-    noise = [(1 + k % 2) * random.normal(size=(60, len(axes))) for k in range(12)]
-    data = Dataset([Recording(x, 100.0, label="ab"[k % 2], axes=axes) for k, x in enumerate(noise)])
-    spaces = {"best": feature_spaces(rate_hz=100.0)["best"], "hfmh": HFMH(rate_hz=100.0)}
-    result = evaluate(data, {space: spaces[space]}, by="random", progress=False)
-    assert set(result.report_data.axes) <= set(axes)
-    assert len(result.report_data.axes) == min(6, len(axes))
-    write(result, tmp_path / "r.html")
-    page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert ("What best chose" in page) == (space == "best")
-    assert ("Figures of signals show 6 of 13 axes" in page) == (len(axes) > 6)
-
-
 # Spaces that choose.
 
 
@@ -147,12 +127,10 @@ def test_choices_on_training_sessions_are_written_and_shown(tmp_path):
         assert row[1] == f"{sum(k in one.chosen for one in of_each)} of 3"
     assert str(table) in result.details()
     # a fold without sessions to hold out tries fewer candidates
-    few = (
-        BestClassifier(blocks={"own": 9, "level": 1}, optional_blocks=["level"])
-        .fit(data.X[:, :10, 0], data.y)
-        .choice_
+    few = BestClassifier(blocks={"own": 9, "level": 1}, optional_blocks=["level"]).fit(
+        data.X[:, :10, 0], data.y
     )
-    mixed = replace(result, chosen={"best": (few, *of_each[:2])})
+    mixed = replace(result, chosen={"best": (few.choice_, *of_each[:2])})
     assert [row[0] for row in choice_tables(mixed)[0].rows] == [row[0] for row in table.rows]
 
 

@@ -10,13 +10,7 @@ import pytest
 from sklearn.metrics import balanced_accuracy_score, confusion_matrix, recall_score
 
 from evaluation_cases import LABELS, QUIET
-from granular_id.evaluation import (
-    accuracy_table,
-    confusion_table,
-    evaluate,
-    mistakes_table,
-    recall_table,
-)
+from granular_id.evaluation import accuracy_table, confusion_table, evaluate, mistakes_table, recall_table
 from granular_id.evaluation.result import CSV_COLUMNS, comparison_tables, fold_table, seconds_table
 from granular_id.synthetic import PAPER_MATERIALS
 
@@ -59,15 +53,7 @@ def test_unknown_spaces_are_refused(evaluated):
         evaluated.accuracy("dft")
 
 
-# One screen.
-
-
-def test_one_screen_holds_24_lines_of_80_columns(data):
-    result = evaluate(data, progress=False)
-    noted = replace(result, notes=("warning: " + 40 * "long ", *result.notes))
-    lines = str(noted).splitlines()
-    assert len(lines) <= 24
-    assert max(map(len, lines)) <= 80
+# The table.
 
 
 def test_table_shows_strict_and_random_accuracies_and_the_gap(evaluated):

@@ -64,10 +64,8 @@ def gaps(law, n_draws):
         data, levels = law.draw(rng)
         folds = hold_out(data, seed=draw)
         held = fit_and_score(CENTROIDS, data, folds, X=levels)
-        drawn = [
-            fit_and_score(CENTROIDS, data, one, X=levels).accuracy for one in matched_draws(data, folds)[0]
-        ]
-        found.append(Gap.of("levels", held, drawn))
+        drawn = [fit_and_score(CENTROIDS, data, one, X=levels) for one in matched_draws(data, folds)[0]]
+        found.append(Gap.of("levels", held, [one.accuracy for one in drawn]))
     return found
 
 

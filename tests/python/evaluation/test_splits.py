@@ -11,13 +11,7 @@ from evaluation_cases import LABELS, TOOLS, make_data, with_tools
 from granular_id.evaluation import matched_draws
 from granular_id.recording import Dataset, Recording
 from granular_id.recording.conditions import conditions_in
-from granular_id.splits import (
-    checked_groups,
-    choice_folds,
-    groups_of,
-    hold_out,
-    paper_folds,
-)
+from granular_id.splits import checked_groups, choice_folds, groups_of, hold_out, paper_folds
 
 
 def made(labels, sessions=None, times=None, **fields):
@@ -178,21 +172,9 @@ def test_sessions_of_a_material_in_one_fold_make_a_further_fold():
     [
         ("ab", None, None, "time", "not held-out sessions: no recording says which session it is from"),
         ("ab", "sssstttt", None, "time", "fewer than two materials have several sessions"),
-        (
-            "ab",
-            None,
-            [1, *[None] * 7],
-            "random",
-            "not halves in time: recording '1' has no start time but 1 of",
-        ),
+        ("ab", None, [1, *[None] * 7], "random", "not halves in time: recording '1' has no start time"),
         ("ab", "stststst", None, "session", "2 sessions held out whole, in 2 folds"),
-        (
-            "abcde",
-            "ststststccccddddeeee",
-            None,
-            "time",
-            "not held-out sessions: 2 of 5 materials have several",
-        ),
+        ("abcde", "ststststccccddddeeee", None, "time", "2 of 5 materials have several"),
         ("abcde", "ststststccccddddeeee", [1, *[None] * 19], "session", "2 sessions held out whole"),
     ],
 )
@@ -207,28 +189,24 @@ def test_halves_are_early_and_late_in_each_material(seed, n):
     rng = np.random.default_rng(seed)
     data = made(["a"] * n + ["b"] * 7, times=rng.permutation(n + 7).astype(float))
     forward, backward = hold_out(data, "time")
-    assert (forward.train.tolist(), forward.test.tolist()) == (
-        backward.test.tolist(),
-        backward.train.tolist(),
-    )
+    assert forward.train.tolist() == backward.test.tolist()
+    assert forward.test.tolist() == backward.train.tolist()
     for label, size in (("a", n), ("b", 7)):
-        early, late = (
-            data.start_times[rows[data.y[rows] == label]] for rows in (forward.train, forward.test)
-        )
+        halves = (forward.train, forward.test)
+        early, late = (data.start_times[rows[data.y[rows] == label]] for rows in halves)
         assert early.max() < late.min()
         assert late.size - early.size == size % 2
 
 
 @given(st.integers(2, 9), st.integers(2, 9), st.integers(2, 6))
 def test_random_folds_are_stratified_and_even(n, m, n_folds):
-    folds = hold_out(made(["a"] * n + ["b"] * m), "random", n_folds)
+    data = made(["a"] * n + ["b"] * m)
+    folds, other = (hold_out(data, "random", n_folds, seed=seed) for seed in (0, 1))
     for rows_of in (range(n), range(n, n + m), range(n + m)):
         sizes = [np.isin(fold.test, rows_of).sum() for fold in folds]
         assert max(sizes) - min(sizes) <= 1
     assert not folds.strict
-    assert [
-        fold.test.tolist() for fold in hold_out(made(["a"] * n + ["b"] * m), "random", n_folds, seed=1)
-    ] != [fold.test.tolist() for fold in folds] or n + m < 12
+    assert n + m < 12 or [fold.test.tolist() for fold in other] != [fold.test.tolist() for fold in folds]
 
 
 @pytest.mark.parametrize(
@@ -254,10 +232,8 @@ def test_groups_of_rows_keep_their_order():
 
 
 def test_rows_whose_session_is_not_known_choose_by_others():
-    codes, known = np.repeat([0, 1, 2], 4), [1, 2] * 4
-    folds = choice_folds(
-        codes, checked_groups(len(codes), [*known, float("nan"), "", None, 2]), n_folds=5, seed=0
-    )
+    codes, known = np.repeat([0, 1, 2], 4), [*[1, 2] * 4, float("nan"), "", None, 2]
+    folds = choice_folds(codes, checked_groups(len(codes), known), n_folds=5, seed=0)
     assert (folds.held_out, len(folds.folds)) == ("sessions", 2)
     assert all(test.max() < 8 for _, test in folds.folds)
 
@@ -286,17 +262,12 @@ def test_each_value_of_a_condition_is_held_out_whole():
     [
         (lambda k: f"{k // 4 % 3}", ["each session has one tool: a loss may be that of other sessions"]),
         (lambda k: None, []),
-        (
-            lambda k: "one day",
-            [
-                "1 session has several values of tool: what recordings of a session share is on both sides",
-            ],
-        ),
+        (lambda k: "one day", ["1 session has several values of tool"]),
     ],
 )
 def test_a_condition_beside_sessions_is_noted(session, notes):
     data = Dataset([replace(r, session=session(k)) for k, r in enumerate(with_tools())])
-    assert list(hold_out(data, "tool").notes[1:]) == notes
+    assert [note.partition(": what")[0] for note in hold_out(data, "tool").notes[1:]] == notes
 
 
 def test_a_material_without_another_value_is_not_tested_there():
@@ -325,10 +296,7 @@ def test_the_end_of_a_path_is_enough(name):
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        (
-            "speed",
-            "no recording states it .a column .speed. of .*those that can be: session .6 values., tool .3 values., ",
-        ),
+        ("speed", "no recording states it .*those that can be: session .6 values., tool .3 values., "),
         ("label", "the labels are what is told apart"),
         ("day", "all recordings have the same value, '2001-09-09'"),
         ("run", "it has 48 values in 48 recordings, each a training of its own: note a few rounded values"),
@@ -410,13 +378,13 @@ def n_parted(data, folds):
     )
 
 
-@pytest.mark.parametrize("by", ["auto", "session", "time", "random"])
+@pytest.mark.parametrize("by", ["auto", "session", "time", "random", "paper"])
 def test_windows_that_share_samples_never_lie_on_both_sides(by):
     data = drives({"a": 3, "b": 3, "c": 1}).windows(1.0, 0.5)
-    folds = hold_out(data, by)
+    folds = paper_folds(data[data.y != "c"], 3, 20, 5) if by == "paper" else hold_out(data, by)
     assert n_parted(data, folds) == 0
     cleared = [note for note in folds.notes if "share samples with tested ones do not train" in note]
-    assert len(cleared) == (by in ("time", "random"))
+    assert len(cleared) == (by in ("time", "random", "paper"))
 
 
 @pytest.mark.parametrize("hop_s", [0.5, 1.0])
@@ -443,11 +411,6 @@ def test_random_folds_of_windows_test_whole_recordings():
     assert all(set(data.y[fold.test]) == {"a", "b"} for fold in folds)
 
 
-def test_paper_folds_of_windows_part_none_that_share_samples():
-    data = drives({"a": 3, "b": 3}).windows(1.0, 0.5)
-    assert n_parted(data, paper_folds(data, 3, 20, 5)) == 0
-
-
 @pytest.mark.parametrize("hop_s", [0.5, 1.0])
 def test_matched_draws_never_part_windows_of_a_recording(hop_s):
     data = drives({"a": 8, "b": 8}, n=300, each=2).windows(1.0, hop_s)
@@ -460,10 +423,9 @@ def test_matched_draws_never_part_windows_of_a_recording(hop_s):
 
 def test_too_few_long_recordings_give_no_draws():
     data = drives({"a": 8, "b": 8}, n=300).windows(1.0, 0.5)
-    assert matched_draws(data, hold_out(data, n_folds=2)) == (
-        [],
-        "a: 8 recordings cut into windows that share samples, too few to mix what 8 sessions hold",
-    )
+    draws, why = matched_draws(data, hold_out(data, n_folds=2))
+    assert draws == []
+    assert why.startswith("a: 8 recordings cut into windows that share samples, too few to mix")
 
 
 def test_windows_that_share_nothing_are_drawn_singly():
@@ -480,10 +442,7 @@ FEW = np.repeat(["oat", "rice", "peas"], [80, 50, 61])
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (
-            lambda: hold_out(drives({"a": 1, "b": 1}, 400).windows(2.0, 0.1), "random"),
-            "all windows of a and b share",
-        ),
+        (lambda: hold_out(drives({"a": 1, "b": 1}, 400).windows(2.0, 0.1), "random"), "windows of a and b"),
         (lambda: hold_out(made("aabb"), "tool"), "these recordings state none that can be"),
         (lambda: hold_out(made("aaa")), "at least 2 classes, got only 'a'"),
         (lambda: hold_out(made("aab"), "random"), "by='random' cannot be held out: fewer than two materials"),
@@ -493,10 +452,7 @@ FEW = np.repeat(["oat", "rice", "peas"], [80, 50, 61])
         (lambda: hold_out(made("aabb"), 3), "by must be text such as 'session' or 'tool', got 3"),
         (lambda: hold_out(made("aabb"), "random", 1), "n_folds must be at least 2, got 1"),
         (lambda: hold_out(made("aab", times=[1, None, 2]), "time"), "recording '1' has no start time but 2"),
-        (
-            lambda: hold_out(made("aab", times=[1, 1, 2]), "time"),
-            "'0' and '1' of class 'a' start at the same",
-        ),
+        (lambda: hold_out(made("aab", times=[1, 1, 2]), "time"), "'0' and '1' of class 'a' start at"),
         (lambda: paper_folds(made(FEW)), "pass paper=(20, 40, 10)"),
         (lambda: paper_folds(made(FEW), 0), "n_partitions must be at least 1, got 0"),
         (lambda: paper_folds(made(FEW), 3, "3"), "must be a whole number, got '3'"),
