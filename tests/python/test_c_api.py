@@ -162,7 +162,9 @@ def test_example_in_cpp_answers_as_python_with_the_rest(compiled, model, pushes,
         model = gid.Identifier.fit(data, model.space)
     assert model.lead_s == lead_s
     model.save(tmp_path / "model.safetensors")
-    printed = run(compiled("examples/c/control_loop.cpp", "-Wconversion"), tmp_path / "model.safetensors", 1.5)
+    printed = run(
+        compiled("examples/c/control_loop.cpp", "-Wconversion"), tmp_path / "model.safetensors", 1.5
+    )
     names, texts = zip(*(line.split(": ", 1) for line in printed.splitlines()), strict=True)
     assert names == ("onsets", "pushes", "decisions", "deadlines missed", "last push")
     n_lead = round(500 * (lead_s or 0.25))
@@ -229,11 +231,13 @@ def test_first_program_of_the_docs_names_a_recording(compiled, model, model_file
     program = compiled(str(tmp_path / "first.cpp"))
     printed = run(program, model_file, input=rows)
     assert printed.rstrip().endswith(model.identify(pushes.X[0]).label)
-    bad = {rows[: len(rows) // 2]: "250 rows of 6 numbers", rows.replace(" ", ","): "row 0", f"nan {rows}": "row 0"}
+    bad = {
+        rows[: len(rows) // 2]: "250 rows of 6 numbers",
+        rows.replace(" ", ","): "row 0",
+        f"nan {rows}": "row 0",
+    }
     for text, wanted in bad.items():
-        done = subprocess.run(
-            [program, model_file], check=False, capture_output=True, text=True, input=text
-        )
+        done = subprocess.run([program, model_file], check=False, capture_output=True, text=True, input=text)
         assert done.returncode == 1
         assert wanted in done.stderr
     done = subprocess.run([program], check=False, capture_output=True, text=True)
@@ -296,7 +300,10 @@ def test_cmake_takes_versions_of_the_same_minor(prefix, tmp_path):
 
 
 def test_install_without_a_library_is_refused(tmp_path):
-    script, environment = ROOT / "rust" / "c" / "install.sh", {**os.environ, "CARGO_TARGET_DIR": str(tmp_path)}
+    script, environment = (
+        ROOT / "rust" / "c" / "install.sh",
+        {**os.environ, "CARGO_TARGET_DIR": str(tmp_path)},
+    )
     for build in ((), (tmp_path / "nowhere",)):
         words = [script, tmp_path / "prefix", *build]
         done = subprocess.run(words, check=False, capture_output=True, text=True, env=environment)

@@ -87,8 +87,8 @@ class CheckReport(Sequence[Finding]):
     >>> from granular_id import Dataset, Recording
     >>> noise = np.random.default_rng(0).normal(size=(12, 100, 6))
     >>> noise[3, :, 2] = 0
-    >>> data = Dataset([Recording(noise[i], rate_hz=100, label="ab"[i % 2], session="1", name=f"push {i}")
-    ...                 for i in range(12)])
+    >>> data = Dataset([Recording(noise[i], rate_hz=100, label="ab"[i % 2], session=f"{i // 6}",
+    ...                           name=f"push {i}") for i in range(12)])
     >>> report = data.check()
     >>> report.worst, [finding.code for finding in report], report.states[3]
     ('warning', ['stuck-axis'], 'warning')

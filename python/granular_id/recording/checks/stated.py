@@ -81,7 +81,7 @@ def check_sessions(data: Measured) -> Iterator[Finding]:
             f"all recordings are of one session, so that none can be held out; else {_session_remedy(data)}"
         )
         yield data.finding("warning", "one-session", message)
-    elif n_recorded > 1 and not without and n_sessions == n_recorded and not data.labels_of_one_session:
+    elif not without and n_sessions == n_recorded and not data.labels_of_one_session and _session_ways(data):
         message = (
             f"each recording is a session of its own, and a day shows nowhere; else {_session_remedy(data)}"
         )
@@ -100,7 +100,13 @@ def check_sessions(data: Measured) -> Iterator[Finding]:
 
 
 def _session_remedy(data: Measured) -> str:
-    """Say where sessions stand: what reading saw, else an entry of the metadata, days, or files of several."""
+    """Say where sessions stand, or may stand in general."""
+    ways = _session_ways(data) or ["data convert --session column:NAME, folder or meta:NAME"]
+    return f"keep together what was recorded together ({' or '.join(ways)})"
+
+
+def _session_ways(data: Measured) -> list[str]:
+    """Return where sessions stand: what reading saw, else an entry of the metadata, days, or files of several."""
     recordings, ways = data.recordings, [data.session_hint] if data.session_hint else []
     if not ways:
         stated = [dict(single_values(r.meta)) for r in recordings]
@@ -111,8 +117,7 @@ def _session_remedy(data: Measured) -> str:
             values["evaluate --hold-out day"] = [int(start // 86400) for start in starts if start is not None]
         values["data convert --session file"] = [r.name.partition("[")[0] for r in recordings]
         ways = [way for way, each in values.items() if None not in each and 1 < len(set(each)) < len(each)]
-    ways = ways or ["data convert --session column:NAME, folder or meta:NAME"]
-    return f"keep together what was recorded together ({' or '.join(ways)})"
+    return ways
 
 
 def check_setups(data: Measured) -> Iterator[Finding]:
