@@ -31,12 +31,15 @@ class CheckReport:
         Each with ``path``, ``place`` (the row group, None: the whole file) and ``problem``.
     leftovers : tuple of str
         Files that are no part of the archive: left by an append that was interrupted, or of one that is under way.
+    n_unreadable : int
+        Recordings of the row groups that cannot be decoded.
     """
 
     folder: Path
     n_recordings: int
     problems: tuple[RecordingFileError, ...]
     leftovers: tuple[str, ...]
+    n_unreadable: int = 0
 
     @property
     def ok(self) -> bool:
@@ -45,7 +48,8 @@ class CheckReport:
 
     def __str__(self) -> str:
         found = counted(len(self.problems), "problem") if self.problems else "no problems"
-        lines = [f"{self.folder}: {counted(self.n_recordings)}, {found}"]
+        lost = f", {self.n_unreadable} of them unreadable" * bool(self.n_unreadable)
+        lines = [f"{self.folder}: {counted(self.n_recordings)}{lost}, {found}"]
         lines += [f"  {problem}" for problem in self.problems]
         if self.leftovers:
             what = f"{counted(len(self.leftovers), 'file')} left by an append that was interrupted"
@@ -79,7 +83,7 @@ def check(
     Returns
     -------
     CheckReport
-        ``.ok``, ``.problems``, ``.leftovers``.
+        ``.ok``, ``.problems``, ``.n_unreadable``, ``.leftovers``.
 
     Raises
     ------
@@ -114,11 +118,12 @@ def check(
         if not problems:  # it is no archive
             raise
         return CheckReport(folder, 0, tuple(problems), tuple(_leftovers(folder)))
+    unreadable: list[int] = []
     with showing(progress) as step:
         ticker = Ticker(len(opened.row_groups), step)
 
         def checked(group: RowGroup) -> RecordingFileError | None:
-            problem = _problem_of(opened, group)
+            problem = _problem_of(opened, group, unreadable)
             ticker.tick(group.file)
             return problem
 
@@ -126,14 +131,16 @@ def check(
     # Of a whole file once.
     problems += {str(problem): problem for problem in found if problem is not None}.values()
     problems += _doubles(opened)
-    return CheckReport(folder, opened.n_recordings, tuple(problems), tuple(_leftovers(folder)))
+    leftovers = tuple(_leftovers(folder))
+    return CheckReport(folder, opened.n_recordings, tuple(problems), leftovers, sum(unreadable))
 
 
-def _problem_of(archive: Archive, group: RowGroup) -> RecordingFileError | None:
-    """Return what is wrong with a row group."""
+def _problem_of(archive: Archive, group: RowGroup, unreadable: list[int]) -> RecordingFileError | None:
+    """Return what is wrong with a row group; where it cannot be read its size joins a list."""
     try:
         recordings = archive.read(group).recordings
     except RecordingFileError as error:
+        unreadable.append(group.stop - group.start)
         return error
     stored = archive.index["digest"].slice(group.start, len(recordings)).to_pylist()
     wrong = [one.name for one, known in zip(recordings, stored, strict=True) if digest_of(one) != known]

@@ -64,6 +64,7 @@ def add(
     n_added = n_present = 0
     skipped: list[str] = []
     notes: dict[str, None] = {}
+    sources: dict[str, set[Path]] = {}
     begun_s = time.monotonic()
     try:
         with made_folder(archive), showing(not quiet) as step:
@@ -74,6 +75,8 @@ def add(
                     rates = rates or {piece[0].rate_hz}
                     _refuse_other_rate(piece, rates, path, archive)
                     notes |= dict.fromkeys(f"note: {note}" for note in piece.history[-1].notes)
+                    for session in {one.session for one in piece if one.session}:
+                        sources.setdefault(session, set()).add(path)
                     done = appender.append(piece)
                     n_added, n_present = n_added + done.n_added, n_present + done.n_present
                     if step is not None:
@@ -87,7 +90,11 @@ def add(
         if skipped:
             lines += [f"{counted(len(skipped), 'file')} skipped:", *(f"  {reason}" for reason in skipped)]
         if lines:
-            show("\n".join([*lines, *notes]), most=_SHOWN + 4, rest="")
+            show("\n".join([*lines, *([] if quiet else notes)]), most=_SHOWN + 4, rest="")
+        if shared := sorted(session for session, paths_ in sources.items() if len(paths_) > 1):
+            names = f"{', '.join(shared[:3])}{', ...' * (len(shared) > 3)}"
+            one = f"{verb(len(shared), 'is one session', 'are one session each')} from now on"
+            show(f"warning: {names} of several sources {one}", "bold yellow", err=True)
 
 
 def _pieces(path: Path, on_error: opt.Skip, skipped: list[str]) -> Iterator[Dataset]:
@@ -220,6 +227,8 @@ def check(archive: opt.Archive, *, details: opt.Details = False, quiet: opt.Quie
     report = archives.check(archive, n_jobs=-1, progress=not quiet)
     show(str(report), most=None if details else 2 * _SHOWN)
     if not report.ok:
+        show("to save what is whole:")
+        show(f"granular-id archive add rescued {shlex.quote(str(archive))} --on-error skip")
         raise typer.Exit(opt.FOUND_ERRORS)
 
 

@@ -58,8 +58,19 @@ def test_what_is_there_is_not_added_again(folder, tmp_path, pieces):
     out = ended_well("archive", "add", archive, folder, "--quiet")
     assert "added 20 recordings to" in out
     assert "10 recordings were there already\n" in out
+    assert "note: " not in out
     assert "30 recordings were there already\n" in ended_well("archive", "add", archive, folder, "-q")
     assert Archive(archive).n_recordings == 30
+
+
+def test_sessions_of_one_name_are_said_to_be_one(folder, tmp_path):
+    data = gid.load(folder).recordings[:6]
+    for k, name in enumerate(("monday.npz", "tuesday.npz")):
+        gid.save(Dataset([replace(one, session="session 1") for one in data[k::2]]), tmp_path / name)
+    words = ("archive", "add", tmp_path / "fleet")
+    ended = run(*words, tmp_path / "monday.npz", tmp_path / "tuesday.npz", "-q")
+    assert ended.stderr == "warning: session 1 of several sources is one session from now on\n"
+    assert run(*words, tmp_path / "monday.npz", "-q").stderr == ""
 
 
 def test_interrupted_add_goes_on_with_the_same_command(folder, tmp_path, pieces, monkeypatch):
@@ -203,6 +214,8 @@ def test_check_ends_with_3_where_something_is_damaged(archive, tmp_path):
     ended = run("archive", "check", copy, "--quiet")
     assert ended.exit_code == 3
     assert part.name in ended.stdout
+    assert "30 recordings, 30 of them unreadable, 1 problem" in " ".join(ended.stdout.split())
+    assert "archive add rescued" in " ".join(ended.stdout.split())
 
 
 # -- extract, identify
