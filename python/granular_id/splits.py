@@ -43,7 +43,8 @@ MANY_RECORDINGS, FOLDS_OF_MANY = 2000, 3  # fewer folds: time grows faster than 
 
 _TOO_FEW = (
     "fewer than two materials have more than one recording: where the labels are no materials, say which folder, file "
-    "name, column or entry of meta is (data convert --label)"
+    "name, column or entry of meta is (data convert --label); where one recording holds several pushes, cut it into "
+    "windows (data convert --window-s)"
 )
 
 # Random folds that choose are drawn again until so many rows were held out in all: with 50 rows one in a hundred is

@@ -186,10 +186,25 @@ def convert(
             lead_s=lead_s,
             on_short=on_error,
         )
+        _warn_of_loss(data, cropped)
         data = reported(cropped)
     if window_s is not None:
         data = reported(data.windows(window_s, on_short=on_error))
     _save_checked(data, output)
+
+
+def _warn_of_loss(data: Dataset, cropped: Dataset) -> None:
+    """Warn where most of what was recorded goes: a recording may hold several pushes, of which the first is left."""
+    names = set(cropped.names)
+    before, after = (sum(one.n_samples for one in each if one.name in names) for each in (data, cropped))
+    if after < before / 2:
+        show(
+            f"warning: {1 - after / before:.0%} of the samples are dropped: of each recording one piece is left, from "
+            "its first motion or sample on; where it holds several pushes --window-s instead of --duration-s cuts "
+            "all of it into windows",
+            "bold yellow",
+            err=True,
+        )
 
 
 def _seconds(text: str | None) -> float:

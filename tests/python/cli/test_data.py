@@ -168,6 +168,23 @@ def test_broken_files_gaps_and_short_ones_are_left_out(tmp_path, monkeypatch):
     assert data.X.shape == (29, 40, 6)
 
 
+def test_pushes_that_are_dropped_are_warned_of(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    pushes = synthesize(["rice", "oat flakes"], n_per_class=4, duration_s=0.6)
+    logs = [
+        Recording(np.concatenate([one.wrench for one in pushes.select(labels=[label])]), 500, label=label)
+        for label in pushes.labels
+    ]
+    save(Dataset([replace(one, name=one.label) for one in logs]), tmp_path / "logs.npz")
+    words = ("data", "convert", "logs.npz", "one.npz", "--begin-at", "onset", "--lead-s", 0.05)
+    told = run(*words, "--duration-s", 0.4).stderr
+    assert "warning: 83% of the samples are dropped" in told
+    (cut,) = re.findall(r"\((?:data convert )(--window-s)\)", refused("evaluate", "one.npz"))
+    assert "dropped:" not in run("data", "convert", "logs.npz", "all.npz", cut, 0.6).stderr
+    assert len(load(tmp_path / "all.npz")) == 8
+    ended_well("evaluate", "all.npz", "--spaces", "hfmh")
+
+
 EXPORT = (
     "Lab 3\nTorque Units: N-mm\nfx;fy;fz;tx;ty;tz;push\n" + "1,5;2;3;4;5;6;1\n" * 4 + "2,5;2;3;4;5;6;2\n" * 4
 )
