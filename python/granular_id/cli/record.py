@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,9 +12,9 @@ import typer
 from typer import Option
 
 from granular_id._core import GranularIdError
-from granular_id._files import made_folder
+from granular_id._files import NO_FOLDERS, RECORDINGS, made_folder
 from granular_id._text import counted, known_label
-from granular_id.cli.interrupts import stopping_the_robot
+from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
 from granular_id.cli.live import (
     Begins,
     Direction,
@@ -48,7 +48,9 @@ def record(
     *,
     source: Source,
     label: Annotated[str, Option("--label", "-l", help="Material; several, with commas, one after another.")],
-    output: Annotated[Path, Option("--output", "-o", help="Folder for a file a push, or an archive.")],
+    output: Annotated[
+        Path, Option("--output", "-o", help="Folder for a file a push; x.parquet, an archive.")
+    ],
     n: Annotated[int, Option("--n", "-n", min=1, help="Recordings of each.")] = 10,
     session: Annotated[str | None, Option(help="What is recorded in one go. Default: now.")] = None,
     duration_s: Annotated[float, Option(callback=POSITIVE, help="Length, 0.25 s of rest included.")] = 3.2,
@@ -76,16 +78,26 @@ def record(
     if session is not None and not session.strip():
         raise GranularIdError("--session is empty: give it a name, or leave it out")
     refuse_absent_replay(source)
+    in_archive = _into_archive(output)
 
-    from granular_id.io.parquet.layout import is_parquet_archive
     from granular_id.live import Recorder, open_source, opened, setup_of
 
     labels = _labels_in(label, source)
     # All of them before the first push: a misspelt material is found now.
     places = [(open_source(url), names) for url, names in _places(labels, source).items()]
-    n_refused = 0
-    into_archive = is_parquet_archive(output)
-    with made_folder(output):
+    n_refused, recorded = 0, list[str]()
+
+    def say_recorded() -> None:
+        leave_lost_terminal()
+        if recorded:
+            synthetic = "SYNTHETIC " if any(sensor.info.synthetic for sensor, _ in places) else ""
+            again = f"; {n_refused} refused and recorded again" if n_refused else ""
+            n_labels = counted(len(set(recorded)), "material")
+            wrote = f"{counted(len(recorded), f'{synthetic}recording')} of {n_labels}"
+            show(f"wrote {wrote} into {output}, session {session!r}{again}")
+
+    with ExitStack() as at_end, made_folder(output):
+        at_end.callback(say_recorded)
         for sensor, names in places:
             with (
                 opened(sensor) as stream,
@@ -96,7 +108,7 @@ def record(
                     stream,
                     setup.robot,
                     output,
-                    archive=into_archive,
+                    archive=in_archive,
                     session=session,
                     trigger=setup.trigger,
                     n_samples=round(duration_s * sensor.info.rate_hz),
@@ -121,10 +133,21 @@ def record(
                             _check_truth(name, recorder, stream.info.name)
                         n_refused += refused
                         show(line)
-    synthetic = "SYNTHETIC " if any(sensor.info.synthetic for sensor, _ in places) else ""
-    again = f"; {n_refused} refused and recorded again" if n_refused else ""
-    wrote = f"{counted(n * len(labels), f'{synthetic}recording')} of {counted(len(labels), 'material')}"
-    show(f"wrote {wrote} into {output}, session {session!r}{again}")
+                        recorded.append(name)
+
+
+def _into_archive(output: Path) -> bool:
+    """Whether pushes go into an archive, by what is there or by its name, as `data convert` takes it."""
+    from granular_id.io.parquet.layout import is_parquet_archive
+
+    if output.suffix.lower() == ".parquet" or is_parquet_archive(output):
+        return True
+    if output.suffix.lower() in (*RECORDINGS, *NO_FOLDERS):
+        raise GranularIdError(
+            f"--output writes a folder, a file a push, or an archive, {output.stem}.parquet, got {output.name!r}: "
+            f"granular-id data convert FOLDER {output.stem}.npz makes one file of a folder"
+        )
+    return False
 
 
 def _labels_in(text: str, source: str) -> list[str]:

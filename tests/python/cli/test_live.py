@@ -129,6 +129,20 @@ def interrupted(*words, after):
     return out
 
 
+def test_ctrl_c_ends_record_with_what_there_is(tmp_path, heeding_interrupts):
+    words = ("--source", SIM, "--label", "rice", "--duration-s", 0.5, "-o", tmp_path / "x")
+    with started("record", *words) as running:
+        try:
+            running.stdout.readline()
+            running.send_signal(signal.SIGINT)
+            out, _ = running.communicate(timeout=30)
+        finally:
+            running.kill()
+    n = len(list((tmp_path / "x").rglob("*.npz")))
+    assert running.returncode == 130
+    assert f"wrote {n} SYNTHETIC recording" in out
+
+
 def test_ctrl_c_ends_a_session_with_its_summary(live, heeding_interrupts):
     out = interrupted(*live, "--quiet", after="final: margin")
     assert re.fullmatch(r"SYNTHETIC: \d+ answers, \d+ right .*", out.splitlines()[-1])
@@ -151,11 +165,15 @@ def test_ctrl_c_ends_a_session_with_its_summary(live, heeding_interrupts):
         ("--label rice --duration-s 5", "a shorter push or a lower speed_m_s is wanted"),
         ("--label rice --source sim:?speed=1e9", "speed must be at most 1000, got 1e+09"),
         ("--label rice --source simm:rice", "'simm'; known: bota, rdt"),
+        (
+            "--label rice -o x.npz",
+            "or an archive, x.parquet, got 'x.npz': granular-id data convert FOLDER x.npz",
+        ),
         ("--label rice --source replay:nowhere", "nowhere: no such file or folder"),
     ],
 )
 def test_record_refuses_what_cannot_be(tmp_path, words, message):
-    assert message in refused("record", "--source", SIM, *shlex.split(words), "-o", tmp_path / "x")
+    assert message in refused("record", "--source", SIM, "-o", tmp_path / "x", *shlex.split(words))
     assert not list(tmp_path.iterdir())
 
 
@@ -324,8 +342,10 @@ def test_push_on_a_full_disk_is_answered(live, tmp_path, monkeypatch, option):
 
 
 def test_record_appends_to_an_archive(pushes, tmp_path):
-    ended_well("archive", "add", tmp_path / "fleet", pushes)
     words = ("--source", SIM, "--label", "rice", "--n", 2, "--duration-s", 1)
+    ended_well("record", *words, "-o", tmp_path / "new.parquet")
+    assert "2 recordings" in ended_well("archive", "info", tmp_path / "new.parquet")
+    ended_well("archive", "add", tmp_path / "fleet", pushes)
     ended_well("record", *words, "-o", tmp_path / "fleet")
     assert len(gid.load(tmp_path / "fleet")) == 14
     assert {path.suffix for path in tmp_path.rglob("*") if path.is_file()} == {".parquet"}
