@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +13,7 @@ from typer import Argument, Option
 
 from granular_id._core import GranularIdError
 from granular_id._files import MODELS, check_source
+from granular_id._text import known_label
 from granular_id.cli import options as opt
 from granular_id.cli.archive import check_is_archive, say_made, working_on
 from granular_id.cli.outputs import (
@@ -138,11 +138,24 @@ def read_for(path: Path, identifier: Identifier, *, quiet: bool) -> Dataset:
         places = ("folder", "parent", "file")
         known |= {name: chosen[name] for name in ("label", "session") if chosen.get(name) in places}
     try:
-        return read(path, quiet=quiet, **known, **axes)
-    except GranularIdError:
-        with suppress(GranularIdError):
-            return read(path, quiet=quiet, **axes)
-        raise
+        data = read(path, quiet=quiet, **known, **axes)
+    except GranularIdError as error:
+        try:
+            data = read(path, quiet=quiet, **axes)
+        except GranularIdError:
+            raise error from None
+    return _labelled_as(data, identifier.classes)
+
+
+def _labelled_as(data: Dataset, classes: Sequence[str]) -> Dataset:
+    """Call materials as a model does: names of files and folders have underscores where its labels have blanks."""
+    from granular_id.recording import Dataset
+
+    other = {label: known_label(label, classes) for label in data.labels if label not in classes}
+    if all(label == known for label, known in other.items()):
+        return data
+    made = [replace(one, label=other.get(one.label or "", one.label)) for one in data]
+    return Dataset(made, data.history)
 
 
 def _read_all(paths: list[Path], identifier: Identifier, *, quiet: bool) -> Dataset:

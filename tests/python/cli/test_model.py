@@ -125,6 +125,18 @@ def test_several_paths_are_named_and_quiet_prints_answers(folder, model):
     assert ended_well("identify", model, folder, "--quiet").startswith("oat/oat_00.csv\t")
 
 
+def test_names_of_files_are_labels_with_blanks(tmp_path):
+    data = synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.3)
+    model = tmp_path / "m.safetensors"
+    ended_well("train", save(data, tmp_path / "x.npz"), "-o", model, "--space", "hfmh", "--quiet")
+    (tmp_path / "fresh").mkdir()
+    for k, one in enumerate(data):
+        save(
+            Dataset([replace(one, label=None)]), tmp_path / "fresh" / f"{one.label.replace(' ', '_')}_{k}.npz"
+        )
+    assert "of 8 recordings with a known material" in ended_well("identify", model, tmp_path / "fresh")
+
+
 EXPORT = "Lab 3\nwx;wy;wz;steps;extra\n"
 
 
