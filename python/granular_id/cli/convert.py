@@ -141,8 +141,10 @@ def convert(
     frame_name, turn = _frame_in(frame)
     payload, of_csv = None if compensate is None else _payload_in(compensate), opt.csv_in(csv)
     check_source(path)
+    rest = history_of(output, {})
     data = read(
         path,
+        rest=rest,
         label=label,
         session=session,
         axes=axes,
@@ -160,7 +162,7 @@ def convert(
 
     if warnings := [*mixed_setup_warnings(data), *(short_warnings(data) if duration_s is None else ())]:
         show("\n".join(warnings), "bold yellow", err=True, most=3)
-    reported = partial(say_step, rest=history_of(output, {}))
+    reported = partial(say_step, rest=rest)
     if split_gap_s is not None:
         data = reported(data.split(split_gap_s))
     if payload is not None:

@@ -26,10 +26,13 @@ _SPECIAL = '"$`\\!'
 _OF_INFO = ("label", "session", "axes", "units", "csv")
 
 
-def read(path: Path, *, prepared: bool = False, quiet: bool = False, **options: Any) -> Dataset:
+def read(
+    path: Path, *, prepared: bool = False, quiet: bool = False, rest: str | None = None, **options: Any
+) -> Dataset:
     """Read the recordings of a path, say on standard error what was read; when quiet, only what was skipped.
 
-    `prepared`: they must have labels, one rate and one length, as every method needs them. `options`: those of `load`.
+    `prepared`: they must have labels, one rate and one length, as every method needs them; `rest`: the command that
+    says all of it, where it is not one about the path. `options`: those of `load`.
     """
     from granular_id.io import load
     from granular_id.recording import headline, noticed_lines, skipped_lines
@@ -50,7 +53,7 @@ def read(path: Path, *, prepared: bool = False, quiet: bool = False, **options: 
     if lines:
         given = {name: options[name] for name in _OF_INFO if name in options}
         # what has files that cannot be read is no data set of `data info`
-        rest = history_of(path, given, "check" if skipped else "info")
+        rest = rest or history_of(path, given, "check" if skipped else "info")
         show("\n".join(lines), err=True, most=_MOST_LINES if skipped else 4, rest=rest)
     return data
 

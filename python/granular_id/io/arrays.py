@@ -97,6 +97,7 @@ class _Reading:
             found = [one for one in named if len(one.leaf.shape) in (2, 3)]
             if not found:
                 raise self.fault(f"array={wanted!r:.60} names no array of samples (2 or 3 dimensions)")
+            self._refuse_left_out([one for one in named if one not in found], found)
             found = self._in_groups(found)
         elif "X" in tree:
             why_none, node = "X is no array (recordings, samples, axes)", tree["X"]
@@ -122,6 +123,16 @@ class _Reading:
             way_out = in_both(units=UNITS)
             raise RecordingFileError(self._source.path, (f"{problem}; pass ", way_out, ", those of the axes"))
         return found, [f"{self._how.kind}s that are not read: {', '.join(others)[:200]}"] if others else []
+
+    def _refuse_left_out(self, others: Sequence[Found], found: Sequence[Found]) -> None:
+        """Refuse arrays that hold no samples at places that differ by their numbers only from those that do."""
+        places = {re.sub(r"\d+", "", one.path) for one in found}
+        lost = next((one for one in others if re.sub(r"\d+", "", one.path) in places), None)
+        if lost is not None:
+            problem = (
+                f"{lost.path} has the shape {lost.leaf.shape}, and {found[0].path} {found[0].leaf.shape}"
+            )
+            raise self.fault(f"{problem}; wanted samples of each recording")
 
     def _in_groups(self, found: list[Found]) -> list[Found]:
         """Name arrays by the groups that differ, where nothing else says the label: rice in rice/1/wrench."""

@@ -181,7 +181,9 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     shown = ((i, line) for i, line in enumerate(lines) if i not in skipped and line.strip())
     rows = [i for i, line in shown if not line.startswith(comment)]
     if not rows:
-        raise RecordingFileError(path, "is empty: no line names the columns")
+        n = sum(1 for line in lines if line.strip())
+        problem = f"holds no line but the {n} that csv= leaves out" if n else "is empty"
+        raise RecordingFileError(path, f"{problem}: no line names the columns", no_wrench=n > 0)
     i, below = rows[0], rows[0] if given.get("header", 0) is None else (*rows, rows[0] + 1)[1]
     line = lines[i]
     if not given.keys() & {"sep", "delimiter"}:
@@ -226,6 +228,13 @@ def _both_ends(path: Path) -> tuple[bytes, bool]:
             return begins, is_packed or file.read().rstrip(b"\0").endswith((b"\n", b"\r"))
     except (OSError, EOFError, zlib.error) as error:
         raise RecordingFileError(path, f"cannot be read: {error}") from error
+
+
+def last_width(path: Path) -> int | None:
+    """Return how many cells the last row of a text has; None of those with fewer than there are axes."""
+    last = next(reversed([line for line in _lines(path, None, sys.maxsize) if line.strip()]), "")
+    width = max(last.count(separator) for separator in _SEPARATORS) + 1
+    return width if width >= len(AXES) else None
 
 
 def _lines(path: Path, encoding: object, n: int) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
@@ -15,6 +16,7 @@ from granular_id._checks import argument_error, whole_number
 from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import alternatives, counted, in_both, typed
+from granular_id.io.csv import last_width
 from granular_id.io.files import RecordingFileError, check_place, failed
 from granular_id.io.index import INDEX_NAME
 from granular_id.io.source import FileContent, FileSource, LoadOptions, likeliest_first
@@ -267,7 +269,7 @@ class _Reading:
         self._named = self._alone or self._found.layout == INDEX_NAME  # each file is meant to be a recording
         self._problems: list[RecordingFileError] = []
         self._n_reported = 0
-        self._beside: list[RecordingFileError] = []
+        self._beside: list[tuple[RecordingFileError, FileSource]] = []  # files that hold none of the axes
         self._places_said = False
         known_names = {known.name for known in formats}
         for name, (what, wanted) in _OF_FORMATS.items():  # options that would change nothing
@@ -293,8 +295,10 @@ class _Reading:
                     yield read
                 if callback is not None:
                     callback(done, len(found.files), source.name)
+        if not nothing:
+            self._refuse_alike()
         if nothing:
-            every = [*problems, *self._beside]
+            every = [*problems, *(error for error, _ in self._beside)]
             if self._alone or not skips:
                 first = every[0]
                 its = next((one for one in found.files if str(one.path) == first.path), None)
@@ -327,7 +331,7 @@ class _Reading:
             error = failed(source.path, f"reading it as {known.name}", reason)
             doubt = error.parts == source.two_meanings
             if error.no_wrench and not self._named:
-                self._beside.append(error)
+                self._beside.append((error, source))
             elif self._options.on_error == "skip" and not doubt:
                 self._problems.append(error)
             else:
@@ -335,6 +339,24 @@ class _Reading:
                 error = error if doubt else self._complete(error, source)
                 error.skippable = not doubt and (not whole or self._reads_another(source))
                 raise error from cause
+
+    def _refuse_alike(self) -> None:
+        """Refuse files that hold none of the axes, where those that were read make recordings of them; or skip them."""
+        beside = [source for _, source in self._beside]
+        others = [source for source in self._found.files if source not in beside]
+        series = {_series(source) for source in others} if beside else set()
+        widths = {_row_width(source) for source in others} - {None} if beside else set()
+        alike = [
+            (error, source)
+            for error, source in self._beside
+            if _series(source) in series or _row_width(source) in widths
+        ]
+        if alike and self._options.on_error == "raise":
+            error = self._complete(*alike[0])
+            error.skippable = True
+            raise error
+        self._problems += [error for error, _ in alike]
+        self._beside = [one for one in self._beside if one not in alike]
 
     def refuse_labels_unread(self, reads: Sequence[_Read]) -> None:
         """Refuse files of one recording each that one column may label, where their places say nothing or one thing."""
@@ -374,14 +396,14 @@ class _Reading:
         counts = Counter(note for read in reads for note in read.notes)
         first = list(notes)
         notes = [note if count == 1 else f"{note} ({count} files)" for note, count in counts.items()]
-        if self._beside:
-            names = [Path(error.path).name for error in self._beside]
-            notes.append(f"not read, as they hold none of the axes: {listed(names)}")
         notes = [*self._found.notes, *notes]
         if not self._places_said:  # with the first piece, for all
             places = [_place_note(what, reads, self._alone) for what in ("label", "session")]
             places.append(_other_sessions(reads))
             notes = [*first, *filter(None, places), *notes]
+        if self._beside:
+            names = [source.path.name for _, source in self._beside]
+            orders.insert(0, f"not read, as they hold none of the axes: {listed(names)}")
         notes = [*orders, *notes]
         self._places_said = True
         given = {one.name: getattr(self._options, one.name) for one in fields(LoadOptions) if one.init}
@@ -394,6 +416,19 @@ class _Reading:
         stored = {id(read.history): read.history for read in reads}  # of a file once, not of a piece
         before = [*self._found.history, *(step for steps in stored.values() for step in steps)]
         return Dataset(whole.recordings, [*before, report])
+
+
+def _series(source: FileSource) -> tuple[str, ...]:
+    """Return what numbered files have in common: their names without the numbers."""
+    return source.path.suffix.lower(), re.sub(r"\d+", "#", source.path.stem.lower())
+
+
+def _row_width(source: FileSource) -> int | None:
+    """Return the cells of the last row of a text table whose name holds its label; None of all others."""
+    known = format_of(source.path)
+    if known is None or known.name != "csv" or "file" not in source.label_place:
+        return None
+    return last_width(source.path)
 
 
 def _tried(source: FileSource, options: LoadOptions) -> None:

@@ -187,6 +187,15 @@ def test_partly_empty_samples_have_a_line_that_leaves_them_out(tmp_path, form):
     assert (data[1].rate_hz, np.diff(data[1].times()).max()) == (None, pytest.approx(0.004))
 
 
+@pytest.mark.parametrize("form", ["mat", "h5"])
+def test_an_array_without_samples_among_others_is_refused(tmp_path, form):
+    both = enumerate(zip([*X[:2], np.zeros(0), X[3]], LABELS, strict=True))
+    groups = {f"push_{i}": {"ft": x, "material": y} for i, (x, y) in both}
+    tree = {"pushes": list(groups.values())} if form == "mat" else groups
+    with pytest.raises(RecordingFileError, match=r"ft has the shape \(0,\), and .*wanted samples of each"):
+        load(written({**tree, "fs": 500}, form, tmp_path), array="ft", label="column:material")
+
+
 def test_more_recordings_than_samples_are_read_where_stated(tmp_path):
     data = load(written({"X": X[:, :3], "fs": 500}, "npz", tmp_path), array="X")
     assert data.X.shape == (4, 3, 6)

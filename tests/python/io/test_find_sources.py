@@ -319,6 +319,30 @@ def test_what_lies_beside_recordings_is_listed(tmp_path):
     assert "1 file of no known format is not read (.jpg)" in notes
 
 
+@pytest.mark.parametrize(
+    ("paths", "lost"),
+    [
+        ("rice/push_1.csv rice/push_2.csv peas/push_1.csv", "rice/push_3.csv"),  # by its name
+        ("rice_1.csv rice_2.csv peas_1.csv", "rice_3.csv"),
+        ("rice.csv peas.csv", "oats.csv"),  # by its columns
+    ],
+)
+def test_recordings_without_axes_are_refused(tmp_path, paths, lost):
+    tree(tmp_path, *paths.split(), "notes_1.csv")
+    write(tmp_path / "notes_1.csv", "day,note", ["1,dry"])
+    write(tmp_path / lost, "t,a,b,c,d,e,f")
+    with pytest.raises(RecordingFileError, match=f"{lost}, line 1: names none of") as caught:
+        load(tmp_path, label=None if "/" not in lost else "folder")
+    assert caught.value.skippable
+    (tmp_path / lost).write_bytes(b"")
+    with pytest.raises(RecordingFileError, match=r"is empty \(0 bytes\)"):
+        load(tmp_path, label=None if "/" not in lost else "folder")
+    write(tmp_path / lost, "t,a,b,c,d,e,f")
+    report = load(tmp_path, on_error="skip", label=None if "/" not in lost else "folder").history[-1]
+    assert report.totals["skipped"] == 1
+    assert report.notes[0] == "not read, as they hold none of the axes: notes_1.csv"
+
+
 def test_what_holds_no_recordings_says_what_is_wanted(tmp_path):
     with pytest.raises(FileNotFoundError, match="nowhere: no such file or folder"):
         load(tmp_path / "nowhere")
