@@ -48,7 +48,7 @@ from granular_id.recording import (
 
 _SEPARATORS = (",", ";", "\t", "|")
 _BY_WIDTH = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}
-_FEW = 20
+_FEW, _MOST_NAMED = 20, 20
 """Rows that are enough to see what a table without axes holds."""
 
 _HEAD_LINES = 60
@@ -67,6 +67,17 @@ _SOME_UNITS = re.compile(r"\W*units?\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
 _NUMERIC = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
 _COMMENTS = ("#", "%", "!", "/")
 _UNNAMED = re.compile(r"Unnamed: (\d+)")
+_NO_AXIS = re.compile(
+    r"(id|no|nr|num(ber)?|index|idx|count(er)?|seq|rows?|line|step|frame|sample|trial|run|push|rep|versuch|lauf|ensayo|"
+    r"pos(e|ition)?|dist(ance)?|depth|vel(ocity)?|speed|joints?|quat(ernion)?|angle|q|[xyz]|"
+    r"t|temp(erature?)?|humidity|time|zeit|date|stamp|clock|status|valid|flags?)([\s_.\-]?(id|no|nr|[xyzw]|\d+))?",
+    re.IGNORECASE,
+)
+"""Names of numbers beside axes: ids, positions, temperatures, clocks."""
+
+_NO_AXIS_UNITS = frozenset(
+    ("degc", "\N{DEGREE SIGN}c", "k", "mm", "m", "mm/s", "m/s", "s", "ms", "us", "ns", "%")
+)
 
 Columns = dict[str, NDArray[Any]]
 
@@ -355,9 +366,9 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
     Those that are not understood are refused.
     """
     units: dict[str, str] = {}
-    for stated in (one for line in head.lines[: head.line - 1] for one in _UNITS_ABOVE.finditer(line)):
-        alike = AXES[:3] if stated[1][0].lower() == "f" else AXES[3:]
-        units |= dict.fromkeys(alike, stated[2].strip())
+    for found in (one for line in head.lines[: head.line - 1] for one in _UNITS_ABOVE.finditer(line)):
+        alike = AXES[:3] if found[1][0].lower() == "f" else AXES[3:]
+        units |= dict.fromkeys(alike, found[2].strip())
     names = [str(name) for name in head.options.get("names") or head.names]
     line = "".join(head.lines[head.below : head.below + 1])
     texts = {name: cell for name, cell in zip(names, _cells(line, head.options), strict=False) if cell}
@@ -367,6 +378,12 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
         head.options["skiprows"] = [*(range(above) if isinstance(above, int) else above), head.below]
         own = {name: text.strip("[]()") for name, text in texts.items()}
         return units | own, [f"line {head.below + 1} is read as units"]
+    of_labview = next((one for one in head.lines[: head.line - 1] if one.startswith("Y_Unit_Label")), None)
+    if of_labview is not None:  # a cell for each column behind the clock
+        channels = [name for name in names[1:] if name != "Comment"]
+        stated = list(filter(None, _cells(of_labview, head.options)[1:]))
+        if len(stated) == len(channels):
+            units |= dict(zip(channels, stated, strict=True))
     named = [name for name in names if meaning_of(name).what in AXES]
     silent = options.units is None and not units and any(meaning_of(name).unit is None for name in named)
     for i, before in enumerate(head.lines[: head.line - 1], 1):
@@ -397,7 +414,7 @@ def _other_names(pandas: Any, head: _Head, error: TableError, source: FileSource
     way_out: Sequence[str] = [f"; line {head.line} names the columns"] if not known else []
     of_names = None if "skiprows" in head.options else _line_of_names(head, source.axes)
     if of_names is not None and of_names + 1 != head.line:
-        way_out = [f"; line {of_names + 1} names the axes: pass ", in_both(csv={"skiprows": of_names})]
+        way_out = [f"; line {of_names + 1} names the columns: pass ", in_both(csv={"skiprows": of_names})]
         known = list(AXES)
     elif source.axes is None:
         way_out = (
@@ -426,6 +443,14 @@ def _renamed(head: _Head, error: TableError) -> list[str]:
         return []
     if not any(units) and not {*known} & {*AXES}:
         return []
+    first = dict(
+        zip(head.names, _cells("".join(head.lines[head.below : head.below + 1]), head.options), strict=False)
+    )
+    if any(
+        what is None and not _NUMERIC.fullmatch(first.get(name, ""))
+        for name, what in zip(names, known, strict=True)
+    ):
+        return []
     rest = iter(missing)
     bases = [next(rest) if what is None else name for name, what in zip(names, known, strict=True)]
     named = [
@@ -438,13 +463,19 @@ def _renamed(head: _Head, error: TableError) -> list[str]:
 
 
 def _line_of_names(head: _Head, axes: tuple[str, ...] | None) -> int | None:
-    """Return how many lines stand above one that names all axes."""
-    for i, line in enumerate(head.lines):
-        for separator in _SEPARATORS:
-            try:
-                columns_of(tuple(name.strip(' "') for name in line.split(separator)), axes)
-            except TableError:
-                continue
+    """Return how many lines stand above one that names all axes, or is followed by as many numbers."""
+    split = [
+        (i, [[cell.strip(' "') for cell in one.split(separator)] for one in head.lines[i : i + 4]])
+        for i in range(len(head.lines))
+        for separator in _SEPARATORS
+    ]
+    for i, (names, *_) in split:
+        with suppress(TableError):
+            columns_of(tuple(names), axes)
+            return i
+    for i, (names, *rows) in split:
+        numbers = [sum(map(bool, map(_NUMERIC.fullmatch, row))) for row in rows if len(row) == len(names)]
+        if len(numbers) == 3 and min(numbers) >= len(AXES) and not any(map(_NUMERIC.fullmatch, names)):
             return i
     return None
 
@@ -463,12 +494,13 @@ def _names_given(head: _Head) -> list[str]:
         if len(own) >= len(cells):
             return []
         skipped = {"skiprows": i} if i else {}
-        return ["; if its columns are these, pass ", in_both(csv={"header": None, **skipped, "names": names})]
+        begin = "; if its columns are these, in N and N m (else pass units=, --units, too), pass "
+        return [begin, in_both(csv={"header": None, **skipped, "names": names})]
     return []
 
 
 def _axes_given(pandas: Any, head: _Head) -> list[str]:
-    """Say which columns of numbers may be other axes."""
+    """Say which columns of numbers may be other axes: ids, positions, temperatures and clocks are none."""
     columns, _ = _columns(_read(pandas, head, _FEW), head)
     numbers = [
         name
@@ -481,8 +513,23 @@ def _axes_given(pandas: Any, head: _Head) -> list[str]:
         stamps = [float(str(cell).replace(",", ".")) for cell in columns[numbers[0]]]
         if len(stamps) > 2 and all(a < b for a, b in pairwise(stamps)):
             clock = {"time": numbers.pop(0)}
-    short = [meaning_of(name).base for name in numbers]
-    names = numbers if len(set(short)) < len(short) else short
+    meanings = [meaning_of(name) for name in numbers]
+    others = [
+        name
+        for name, meaning in zip(numbers, meanings, strict=True)
+        if not _NO_AXIS.fullmatch(meaning.base) and (meaning.unit or "").lower() not in _NO_AXIS_UNITS
+    ]
+    measured = [
+        name for name in others if columns[name].dtype.kind not in "iu" or len(set(columns[name])) > 1
+    ]
+    others = measured if len(measured) >= len(AXES) else others
+    short = [meaning_of(name).base for name in others]
+    names = others if len(set(short)) < len(short) else short
+    if len(names) > len(AXES) and not all(name[-1:].lower() in "xyz" for name in names):
+        shown = ", ".join(names[:_MOST_NAMED]) + " ..." * (len(names) > _MOST_NAMED)
+        return [
+            f"; axes= names those of its columns that are the axes, in the order fx to tz (--axes): {shown}"
+        ]
     return ["; for other axes pass ", in_both(axes=",".join(names), **clock)] if names else []
 
 

@@ -460,7 +460,7 @@ def _made(content: FileContent, source: FileSource) -> _Read:
             place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
             lines = content.in_python(error.mend) if error.mend else []
             raise RecordingFileError(source.path, [*error.parts, *lines], **place) from error
-        if made.may_be_labels or made.label_mend:
+        if made.may_be_labels or made.label_mend or made.may_be_several:
             _refuse_labels_unread(made, content, source)
         read.may_be_labels = made.may_be_labels or content.may_be_labels
         for name, texts in made.may_be_sessions.items():
@@ -483,6 +483,11 @@ def _refuse_labels_unread(made: Made, content: FileContent, source: FileSource) 
         return
     if ways := _ways_to_labels(made.may_be_labels, source):
         raise RecordingFileError(source.path, ways)
+    if made.may_be_several and source.label_else is None:
+        columns = ", ".join(repr(way["label"].removeprefix("column:")) for way in made.may_be_several)
+        problem = f"{columns} may hold the labels of several recordings: pass "
+        ways = alternatives(in_both(**way) for way in (*made.may_be_several, {"label": source.place_rule}))
+        raise RecordingFileError(source.path, (problem, *ways))
     if made.label_mend:
         problem = f"ids of recordings may hold their labels; if not, pass {in_both(label=source.place_rule)}"
         raise RecordingFileError(source.path, (problem, *content.in_python(made.label_mend)))

@@ -152,9 +152,11 @@ SESSION_NAMES = re.compile(
 
 _TORQUES = ("t", "m", "tau", "torque", "moment", "drehmoment", "couple", "par", "momento")
 
+_FORCES = ("f", "force", "kraft", "fuerza")
+
 _WORDS = {
-    **{word + axis: "f" + axis for axis in "xyz" for word in ("f", "force", "kraft", "fuerza")},
-    **{word + axis: "t" + axis for axis in "xyz" for word in _TORQUES},
+    **{word + f + axis: "f" + axis for axis in "xyz" for word in _FORCES for f in ("", "f")},
+    **{word + t + axis: "t" + axis for axis in "xyz" for word in _TORQUES for t in ("", "t", "m")},
     **{f"actualtcpforce{i}": axis for i, axis in enumerate(AXES)},
     **dict.fromkeys(TIMES, TIME),
     **{word + end: RECORDING for word in ("recording", "trial") for end in ("", "id")},

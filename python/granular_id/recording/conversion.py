@@ -58,6 +58,9 @@ from granular_id.recording.recording import (
 )
 
 _MOST_OFFERED = 3
+_MANY = 5
+"""Rows of a stretch, in the mean, that may be a recording."""
+
 _ID_END = r"[\W_]*\d*(\.\w+)?$"
 
 
@@ -114,6 +117,9 @@ class Made:
     may_be_sessions: dict[str, list[str]] = field(default_factory=dict)
     """Columns that are not read and called like days, with their text of each recording."""
 
+    may_be_several: Sequence[Mapping[str, str]] = ()
+    """Options that make several recordings of one without a label: the columns of labels and of ids."""
+
     label_mend: str = ""  # the method of a data frame that makes labels of the ids, where no column may be it
 
     @property
@@ -140,6 +146,8 @@ def to_recordings(table: Table, stated: Stated) -> Made:
             made.may_be_labels = _label_columns(table.columns, picked, [rows for rows, _ in parts])
         if RECORDING in picked.columns:
             made.label_mend = _labels_of_ids(picked)
+        else:
+            made.may_be_several = _ways_into_several(table, picked)
     if SESSION not in picked.columns and table.session is None and len(table.columns) > len(picked.called):
         named = {name: cells for name, cells in table.columns.items() if SESSION_NAMES.fullmatch(name)}
         made.may_be_sessions = _label_columns(named, picked, [rows for rows, _ in parts], SESSION_NAMES)
@@ -338,6 +346,35 @@ def _label_columns(
     return found
 
 
+def _ways_into_several(table: Table, picked: Picked) -> list[dict[str, str]]:
+    """Return options for columns of a few texts in long stretches, with the column that tells recordings apart."""
+    found = []
+    for name, cells in table.columns.items():
+        texts = _texts_of(cells) if name not in picked.called.values() and cells.dtype.kind in "OUT" else None
+        if texts is None or (texts == "").any() or not 0 < len(_changes(cells)) < len(cells) / _MANY:
+            continue
+        ids = _ids(table, picked, slice(None), _changes(cells))
+        found += [{"id": ids[0], "label": f"column:{name}"}] if ids else []
+    return found
+
+
+def _ids(table: Table, picked: Picked, rows: Any, begins: set[int]) -> list[str]:
+    """Return the columns that may tell recordings apart which begin behind some rows, and more: the finest first."""
+    changes = {
+        name: _changes(cells[rows])
+        for name, cells in table.columns.items()
+        if name not in picked.called.values() and cells.dtype.kind in "iuOUT"
+    }
+    once = [
+        name
+        for name, places in changes.items()
+        if begins <= places
+        and 0 < len(places) < len(table.columns[name][rows]) / _MANY
+        and len(set(_texts_of(table.columns[name][rows]).tolist())) == len(places) + 1
+    ]
+    return sorted(once, key=lambda name: -len(changes[name]))
+
+
 def _labels_of_ids(picked: Picked) -> str:
     """Return the method that makes labels of ids as ``rice_3`` or ``rice_3.csv``; nothing where these are no names."""
     name, cells = picked.called[RECORDING], picked.columns[RECORDING]
@@ -382,14 +419,15 @@ class _Part:
         file_hz = self._rate_in_table() if RATE in self._columns else self._table.rate_hz
         if not np.isfinite(self._wrench).all():
             self._leave_out_empty_rows()
+        stamps = None
         try:
             stamps = self._stamps(file_hz)
             rate_hz, time_s, start_time = self._clock(stamps, file_hz)
         except TableError as error:
             row = None if error.row is None else int(self._rows[error.row])
             parts, mend = error.parts, error.mend.format(clock=self._picked.called.get(TIME))
-            if SEVERAL in parts:
-                way, mend = self._ways_apart()
+            if SEVERAL in parts and stamps is not None:
+                way, mend = self._ways_apart(set(np.flatnonzero(np.diff(stamps.time_s) < 0).tolist()))
                 parts = (*parts, *way)
             raise TableError(parts, row, self._picked.called.get(TIME), mend=mend) from error
         units = {"units": self._picked.units} if self._picked.units else {}
@@ -497,12 +535,12 @@ class _Part:
             self.remarks["first_stamp_s"] = stamps.first_s
         return rate_hz, None if rate_hz is not None else stamps.time_s, first_s
 
-    def _ways_apart(self) -> tuple[tuple[str, ...], str]:
-        """Return the option that tells recordings apart whose clocks begin anew, or methods that do."""
+    def _ways_apart(self, begins: set[int]) -> tuple[tuple[str, ...], str]:
+        """Return the option that tells recordings apart whose clocks begin anew behind some rows, or methods that do."""
         clock, label = self._columns[TIME], self._columns.get(LABEL)
         if clock.dtype.kind not in "iuf":
-            return (), ""
-        begins = set(np.flatnonzero(np.diff(clock) < 0).tolist())
+            ids = _ids(self._table, self._picked, self._rows, begins)
+            return (("; pass ", in_both(id=ids[0])) if ids else ()), ""
         known = set() if label is None else _changes(label)
         others = {
             name: _changes(cells[self._rows])
@@ -510,6 +548,7 @@ class _Part:
             if name not in self._picked.called.values() and cells.dtype.kind in "iuOUT"
         }
         ids = [name for name, changes in others.items() if changes and changes | known == begins]
+        ids = ids or _ids(self._table, self._picked, self._rows, begins)
         if not ids:
             return (), f".assign(recording=lambda f: (f[{self._picked.called[TIME]!r}].diff() < 0).cumsum())"
         return ("; pass ", in_both(id=ids[0])), ""
@@ -555,9 +594,14 @@ class _Part:
                 if len(kinds) > 1:
                     shown = ", ".join(f"{kind!r:.30}" for kind in kinds[:5])
                     problem, mend = [f"has {len(kinds)} values in one recording: {shown}; wanted one"], ""
-                    if RECORDING not in self._columns and len(_changes(self._columns[what])) >= len(kinds):
-                        begins = f"f[{column!r}] != f[{column!r}].shift()"
-                        mend = f".assign(recording=lambda f: ({begins}).cumsum())"
+                    begins = _changes(self._columns[what])
+                    ids = _ids(self._table, self._picked, self._rows, begins)
+                    ids = [name for name in ids if _changes(self._table.columns[name][self._rows]) != begins]
+                    if RECORDING not in self._columns and ids:
+                        problem += ["; to tell recordings apart pass ", in_both(id=ids[0])]
+                    elif RECORDING not in self._columns and len(_changes(self._columns[what])) >= len(kinds):
+                        anew = f"f[{column!r}] != f[{column!r}].shift()"
+                        mend = f".assign(recording=lambda f: ({anew}).cumsum())"
                     elif RECORDING not in self._columns:
                         problem += ["; to take each as a recording pass ", in_both(id=column)]
                     raise TableError(problem, int(self._rows[0]), column, mend=mend)

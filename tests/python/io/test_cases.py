@@ -53,7 +53,7 @@ SHARED = {
     "01_session_above_label/by_person": (BOTH, "label='folder', session='parent'", (12, 150, 250, 2, 2)),
     "03_ati_demo_export": (
         {"csv": {"skiprows": 7}, "rate_hz": 500},
-        "line 8 names the axes: pass csv={'skiprows': 7}",
+        "line 8 names the columns: pass csv={'skiprows': 7}",
         (2, 300, 500, 2, 0),
     ),
     "05_rows_in_packets": ({"axes": SIX, "rate_hz": 100}, "for other axes pass axes=", (2, 600, 100, 2, 0)),

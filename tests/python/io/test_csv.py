@@ -61,6 +61,17 @@ READ = {
         {"csv": {"decimal": ","}},
     ),
     "units in names": (GOOD.replace(HEADER, b"time_s,fx_N,Fy [N],fz (N),Mx,my,mz\n"), {}),
+    "words ahead of names": (
+        b"Zeit [s],Kraft Fx [mN],Kraft Fy [mN],Kraft Fz [mN],Moment Mx [Nmm],Moment My [Nmm],Moment Mz [Nmm]\n"
+        b"0,1500,2e3,3e3,4e3,5e3,6e3\n0.01,1e3,2e3,3e3,4e3,5e3,6e3\n0.02,1e3,2e3,3e3,4e3,5e3,6e3\n",
+        {},
+    ),
+    "units of LabVIEW": (
+        b"Y_Unit_Label\tmN\tmN\tmN\tN mm\tN mm\tN mm\n***End_of_Header***\nX_Value\tFx\tFy\tFz\tTx\tTy\tTz\tComment\n"
+        b"0\t1500\t2e3\t3e3\t4e3\t5e3\t6e3\tgo\n0.01\t1e3\t2e3\t3e3\t4e3\t5e3\t6e3\n"
+        b"0.02\t1e3\t2e3\t3e3\t4e3\t5e3\t6e3\n",
+        {"csv": {"skiprows": 2}},
+    ),
     "others beside": (
         GOOD.replace(b"time", b"time,valve,fz_min").replace(b"0.0", b"0.0", 1).replace(b",1", b",open,,1"),
         {},
@@ -314,6 +325,44 @@ def test_words_of_other_languages_are_all_six_axes(tmp_path, clock, words):
     except RecordingFileError as error:
         data = load(tmp_path / "a_1.csv", **error.ways[0])
     assert data[0].wrench[3].tolist() == [1, 2, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize(
+    ("names", "axes"),
+    [
+        ("run,a,b,c,d,e,f,pos_x,pos_y,T [degC]", "a,b,c,d,e,f"),
+        ("a,b,c,d,e,f,pos_z,Temperature,z [mm],Versuch", "a,b,c,d,e,f"),
+        ("ax,ay,az,wx,wy,wz,magx,magy,magz", "ax,ay,az,wx,wy,wz,magx,magy,magz"),
+        ("a,b,c,d,e,f,g", None),
+    ],
+)
+def test_proposed_axes_are_no_ids_positions_and_temperatures(tmp_path, names, axes):
+    rows = [",".join([str(i / 100), *(f"{i % 7}.5" for _ in names.split(","))]) for i in range(20)]
+    (tmp_path / "a_1.csv").write_text("\n".join([f"time,{names}", *rows, ""]))
+    with pytest.raises(RecordingFileError, match="axes=") as caught:
+        load(tmp_path / "a_1.csv")
+    assert [way.get("axes") for way in caught.value.ways] == [axes] * (axes is not None)
+
+
+@pytest.mark.parametrize("clock", ["timestamp", "time", "t"])  # one clock for all, of the day, or for each
+def test_a_long_table_names_its_id_and_labels(tmp_path, clock):
+    names, rows = f"Versuch,Stoff,pos_x,{clock},fx,fy,fz,tx,ty,tz", []
+    for i, name in enumerate(["rice", "rice", "oats", "rice"]):
+        for k in range(20):
+            start = {"timestamp": 10.0 * i, "time": 0.0, "t": 0.0}[clock]
+            at = f"09:1{9 - i}:00.{k:02d}" if clock == "time" else str(start + k / 100)
+            rows.append(f"{i},{name},{k / 100},{at},1,2,3,4,5,{k}")
+    (tmp_path / "all.csv").write_text("\n".join([names, *rows, ""]))
+    with pytest.raises(RecordingFileError) as caught:
+        load(tmp_path / "all.csv")
+    way = {
+        name: value for one in reversed(caught.value.ways) for name, value in one.items() if value != "file"
+    }
+    data = load(tmp_path / "all.csv", **way)
+    assert data.y.tolist() == ["rice", "rice", "oats", "rice"]
+    with pytest.raises(RecordingFileError) as caught:
+        load(tmp_path / "all.csv", label="column:Stoff")
+    assert len(load(tmp_path / "all.csv", label="column:Stoff", **caught.value.ways[0])) == 4
 
 
 @pytest.mark.parametrize("units", ["N,Nm,N", "N,N,N,Nm"])
