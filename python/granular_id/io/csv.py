@@ -37,6 +37,9 @@ from granular_id.recording import (
     ABOUT,
     AXES,
     FLAGS,
+    LABEL,
+    RECORDING,
+    SESSION,
     Dataset,
     Recording,
     Table,
@@ -79,6 +82,8 @@ _NO_AXIS_UNITS = frozenset(
     ("degc", "\N{DEGREE SIGN}c", "k", "mm", "m", "mm/s", "m/s", "s", "ms", "us", "ns", "%")
 )
 
+_TEXTS = (RECORDING, LABEL, SESSION)
+
 Columns = dict[str, NDArray[Any]]
 
 
@@ -92,6 +97,7 @@ class _Head(NamedTuple):
     line: int
     below: int  # index of the line of samples that comes first, which may hold units
     is_whole: bool  # the last line has an end
+    texts: list[int]  # columns that are read as they are written: labels, sessions, ids
 
 
 def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
@@ -99,6 +105,10 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     pandas = need("pandas", extra="app", why="to read text tables")
     given = dict(options.csv or {})
     head = _head(source.path, given)
+    if not given.keys() & {"usecols", "converters", "dtype"}:
+        of_texts = {name for what, name in source.columns if what in _TEXTS}
+        names = [str(name) for name in given.get("names") or head.names]
+        head.texts.extend(i for i, one in enumerate(names) if one in of_texts or meaning_of(one).what in _TEXTS)
     units, notes = _units(head, options)
     try:
         is_plain = not given.keys() & {"names", "header", "usecols"} and isinstance(
@@ -161,6 +171,8 @@ def _opening(head: _Head) -> str:
     """Return how people read this table in Python."""
     options = head.options.items()
     words = "".join(f", {name}={value!r}" for name, value in options if (name, value) != ("sep", ","))
+    texts = [f"{str((head.options.get('names') or head.names)[i])!r}: str" for i in head.texts]
+    words += f", converters={{{', '.join(texts)}}}" * bool(texts)
     return f"pandas.read_csv({{}}, index_col=False, skipinitialspace=True{words.replace('{', '{{').replace('}', '}}')})"
 
 
@@ -209,7 +221,7 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     if len(cells) > 1 and "comment" not in given and "names" not in given:
         cells[0] = cells[0].lstrip("#")  # as numpy.savetxt writes names
     cells[0] = cells[0].lstrip("%")  # as rostopic does
-    return _Head(path, options, lines, [cell.strip() for cell in cells], i + 1, below, is_whole)
+    return _Head(path, options, lines, [cell.strip() for cell in cells], i + 1, below, is_whole, [])
 
 
 def _cells(line: str, options: Mapping[str, Any]) -> list[str]:
@@ -261,6 +273,8 @@ def _lines(path: Path, encoding: object, n: int) -> Iterator[str]:
 def _read(pandas: Any, head: _Head, n_rows: int | None = None) -> Any:
     """Call ``pandas.read_csv``; its errors name the line, and the option that helps where one does."""
     settings: dict[str, Any] = {"index_col": False, "skipinitialspace": True, "nrows": n_rows}
+    if head.texts:  # 007 and NA are texts
+        settings["converters"] = dict.fromkeys(head.texts, str)
     separator = head.options.get("sep", ",")
     if "skipfooter" in head.options:
         settings |= {"engine": "python", "nrows": None}

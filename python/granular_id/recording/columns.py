@@ -262,7 +262,9 @@ def columns_of(
         if name not in names:
             raise TableError(f"{what}={name!r:.60} is no column of it; there are {_listed(names)}")
         if name in found.values():
-            raise TableError(f"{what}={name!r:.60} is one of the axes; wanted another column")
+            other = next(known for known, column in found.items() if column == name)
+            taken_as = {RECORDING: "the column of ids", TIME: "the clock"}.get(other, "one of the axes")
+            raise TableError(f"{what}={name!r:.60} is {taken_as}; wanted another column")
         found[what] = name
     taken = {name for what, name in found.items() if what != RECORDING}  # a column of labels may be it, too
     for what in ABOUT:

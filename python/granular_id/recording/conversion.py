@@ -536,7 +536,7 @@ class _Part:
         return rate_hz, None if rate_hz is not None else stamps.time_s, first_s
 
     def _ways_apart(self, begins: set[int]) -> tuple[tuple[str, ...], str]:
-        """Return the option that tells recordings apart whose clocks begin anew behind some rows, or methods that do."""
+        """Return the option that tells recordings apart whose clocks begin anew, or methods that do."""
         clock, label = self._columns[TIME], self._columns.get(LABEL)
         if clock.dtype.kind not in "iuf":
             ids = _ids(self._table, self._picked, self._rows, begins)

@@ -365,6 +365,17 @@ def test_a_long_table_names_its_id_and_labels(tmp_path, clock):
     assert len(load(tmp_path / "all.csv", label="column:Stoff", **caught.value.ways[0])) == 4
 
 
+def test_labels_sessions_and_ids_are_read_as_they_are_written(tmp_path):
+    texts = ["007,NA,1.1", "7,1e5,1.10", "7.0,None,1.1"]
+    rows = [f"{text},{i / 100},1,2,3,4,5,6" for text in texts for i in range(3)]
+    (tmp_path / "a.csv").write_text("\n".join(["trial,grain,session,time,fx,fy,fz,tx,ty,tz", *rows, ""]))
+    data = load(tmp_path / "a.csv", label="column:grain")
+    assert data.y.tolist() == ["NA", "1e5", "None"]
+    assert (data.sessions.tolist(), data.names) == (["1.1", "1.10", "1.1"], ("007", "7", "7.0"))
+    with pytest.raises(RecordingFileError, match="label='grain' is the column of ids"):
+        load(tmp_path / "a.csv", id="grain", label="column:grain")
+
+
 @pytest.mark.parametrize("units", ["N,Nm,N", "N,N,N,Nm"])
 def test_units_of_another_number_are_refused(tmp_path, units):
     (tmp_path / "a_1.csv").write_bytes(GOOD)
