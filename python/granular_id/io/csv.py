@@ -108,7 +108,9 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     if not given.keys() & {"usecols", "converters", "dtype"}:
         of_texts = {name for what, name in source.columns if what in _TEXTS}
         names = [str(name) for name in given.get("names") or head.names]
-        head.texts.extend(i for i, one in enumerate(names) if one in of_texts or meaning_of(one).what in _TEXTS)
+        head.texts.extend(
+            i for i, one in enumerate(names) if one in of_texts or meaning_of(one).what in _TEXTS
+        )
     units, notes = _units(head, options)
     try:
         is_plain = not given.keys() & {"names", "header", "usecols"} and isinstance(
@@ -128,7 +130,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         columns = {name: cells[sample_rows] for name, cells in columns.items()}
     if not any(len(cells) for cells in columns.values()):
         raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)
-    table = Table(name=source.name, columns=columns, units=units, clock="time column", is_text=True)
+    table = Table(name=source.name, columns=columns, units=units, clock="time column", csv=given)
 
     def line_of(row: int) -> int:
         """Return the line of a row; pandas passes over empty ones, and those that are comments."""

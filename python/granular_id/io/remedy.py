@@ -35,6 +35,8 @@ SIGNAL = re.compile(
 _NO_LABELS = ("axes", "units", "session", "name")
 _OWN = "what the file says"
 
+_PLACE = re.compile(r"\[\d+\]$")
+
 _COUNTED = re.compile(r"(.*?)[\s_.-]*\d+")
 
 BESIDE = {
@@ -145,6 +147,7 @@ class _Call(NamedTuple):
     is_frames: bool = False
     is_timed: bool = False  # the frames have a clock
     is_beside: bool = False  # labels stand beside the samples
+    sessions: str = ""
 
 
 class Remedy:
@@ -169,6 +172,9 @@ class Remedy:
         for one in self._every:
             if one.leaf.is_text:
                 texts.setdefault(one.name, []).extend(map(str, np.ravel(one.leaf.read()).tolist()))
+        given = _column(self._given.label)
+        if given:
+            return [one for one in self._every if given in (one.name, one.path)]
         one_each = self._source.n_alike > 1 and self._source.label_known is None  # a text of each file
         like_labels = {
             name
@@ -201,14 +207,13 @@ class Remedy:
         """Return what gives the lines that read arrays as tables, each mended by methods of a data frame."""
         if self._how.by_reference and "[" in found[0].path:
             return lambda mend: []  # noqa: ARG005
-        counts = [one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1 for one in found]
-        names = _runs([one.label for one in found]) if any(one.label for one in found) else ""
-        y, X = self._label_beside(sum(counts)) or names, self._list_of(found)
+        named = _runs([one.label for one in found]) if any(one.label for one in found) else ""
+        call = next(iter(self._listed(found)), None) or _Call(self._list_of(found))
         _ = self._rate  # while the file is open
 
         def lines(mend: str) -> list[str]:
-            frames = f"[pandas.DataFrame(one, columns={self._known}){mend} for one in {X}]"
-            return self._each_file([_Call(frames, y, is_frames=True)])
+            frames = f"[pandas.DataFrame(one, columns={self._known}){mend} for one in {call.X}]"
+            return self._each_file([call._replace(X=frames, y=call.y or named, is_frames=True)])
 
         return lines
 
@@ -325,7 +330,7 @@ class Remedy:
         }
         for name in likeliest_first(kinds) or [""]:
             self._labels = same.get(name, [])
-            found = self._of_parts() or self._flat() or self._turned() or self._listed()
+            found = self._of_parts() or self._flat() or self._turned() or self._listed(self._arrays)
             why = f"{name!r} holds the labels" * (len(same) > 1)
             calls += [one._replace(why=one.why or why * one.is_beside) for one in found]
         self._labels = every
@@ -344,7 +349,7 @@ class Remedy:
             for place in places[: 1 if one.y else None]:
                 n = "" if one.n == 1 else f" * len({one.X})"
                 y = one.y or (place.label and f"[{place.label}]{n}")
-                sessions = "" if place.session is None else f"sessions=[{place.session}]{n}"
+                sessions = "" if place.session is None or one.sessions else f"sessions=[{place.session}]{n}"
                 whys = [one.why, "" if one.y else place.why]
                 each = self._text(one, ", ".join(filter(None, (y, sessions))))
                 call = f"Dataset([r for path, f in zip(paths, files) for r in {each}])"
@@ -354,7 +359,9 @@ class Remedy:
     def _text(self, one: _Call, y: str) -> str:
         """Return the call of a method of `Dataset`."""
         words = ("from_frames" if one.is_frames else "from_arrays", f"{one.X}{', ' * bool(y)}{y}")
-        rate = "" if one.is_timed else f", rate_hz={self._rate}"
+        rate = f", sessions={one.sessions}" * bool(one.sessions) + f", rate_hz={self._rate}" * (
+            not one.is_timed
+        )
         axes = "" if one.is_frames or self._given.axes is None else f", axes={','.join(self._given.axes)!r}"
         return f"Dataset.{words[0]}({words[1]}{rate}{axes})"
 
@@ -438,19 +445,43 @@ class Remedy:
         n = pair[0].leaf.shape[0] if len(pair[0].leaf.shape) == 3 else None
         return f"numpy.concatenate([{', '.join(item(one, place) for one in pair)}], axis=-1)", n
 
-    def _loop(self, places: Sequence[str]) -> tuple[str, str, bool]:
-        """Return the loop over groups, or structs, in which each is r, their labels, and whether these lie in them."""
-        base = re.sub(r"\[\d+\]$", "", places[0])
-        if all(re.sub(r"\[\d+\]$", "", place) == base for place in places) and base != places[0]:
-            loop = f"for r in f{''.join(map(_indexed, base.split('/')))}"
-        else:
-            items = [f"f{''.join(map(_indexed, place.split('/')))}" for place in places]
-            loop = f"for r in [{', '.join(items)}]"
+    def _loop(self, places: Sequence[str], array: Found | None = None) -> tuple[str, str, bool]:
+        """Return the loop over groups, or structs, in which each is r, their labels, and whether these lie in them.
+
+        Those that hold no samples in `array`, or no label, are left out.
+        """
+        base = _PLACE.sub("", places[0])
         own = next((one for one in self._labels if one.parent == places[0]), None)
+        empty = {
+            one.parent for one in self._labels if own and one.name == own.name and not np.prod(one.leaf.shape)
+        }
+        if all(_PLACE.sub("", place) == base for place in places) and base != places[0]:
+            loop = f"for r in f{''.join(map(_indexed, base.split('/')))}"
+            every = {one.parent for one in self._every if one.parent and _PLACE.sub("", one.parent) == base}
+            conditions = []
+            if array is not None and every - set(places):
+                axis = array.leaf.shape.index(len(self._known))
+                conditions += [
+                    f"numpy.shape({self._how.item(array, places[0])})[{axis}:{axis + 1}] == ({len(self._known)},)"
+                ]
+            if own is not None and empty:
+                conditions += [f"numpy.size({self._how.item(own, places[0])})"]
+            loop += f" if {' and '.join(conditions)}" * bool(conditions)
+        else:
+            items = [f"f{''.join(map(_indexed, place.split('/')))}" for place in places if place not in empty]
+            loop = f"for r in [{', '.join(items)}]"
         if own is not None:
             return loop, f"[{self._how.label(own, places[0])} {loop}]", True
         names = label_levels(places, own=True)
         return loop, _runs(names[0]) if names else "", False
+
+    def _days(self, place: str, loop: str) -> str:
+        """Return the sessions that stand beside the samples in each group of a loop, where options name them."""
+        given = _column(self._given.session) or "session"
+        one = next(
+            (one for one in self._every if one.parent == place and given in (one.name, one.path)), None
+        )
+        return "" if one is None else f"[{self._how.label(one, place)} {loop}]"
 
     def _flat(self) -> list[_Call]:
         """Shape rows of one recording each, (n, samples * axes), where a label stands for each."""
@@ -496,19 +527,24 @@ class Remedy:
             for order, y in ways
         ]
 
-    def _listed(self) -> list[_Call]:
+    def _listed(self, every: Sequence[Found]) -> list[_Call]:
         """List arrays with what their groups, or their names, may say of them."""
-        arrays = [one for one in self._arrays if len(self._known) in one.leaf.shape]
+        arrays = [one for one in every if len(self._known) in one.leaf.shape]
         if not arrays:
             return []
         counts = [one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1 for one in arrays]
         X, places = self._list_of(arrays), [one.parent for one in arrays]
         is_one_each = set(counts) == {1} and len({one.name for one in arrays}) == 1 < len(set(places))
         if is_one_each and not self._how.is_flat:
-            loop, y, is_beside = self._loop(places)
+            loop, y, is_beside = self._loop(places, arrays[0])
             if is_beside:
                 turned = ".T" * (arrays[0].leaf.shape[-1] != len(self._known))
-                return [_Call(f"[{self._how.item(arrays[0], places[0])}{turned} {loop}]", y, is_beside=True)]
+                X, days = (
+                    f"[{self._how.item(arrays[0], places[0])}{turned} {loop}]",
+                    self._days(places[0], loop),
+                )
+                why = "those without samples or a label may be left out" * (" if " in loop)
+                return [_Call(X, y, why, sessions=days, is_beside=True)]
         beside = [self._label_beside_of(one, n) for one, n in zip(arrays, counts, strict=True)]
         y = f"[{', '.join('*' + y for y in beside)}]" if all(beside) else self._label_beside(sum(counts))
         levels = [] if y else label_levels([one.path for one in arrays], own=True)
@@ -553,6 +589,11 @@ def _stem(name: str) -> str:
     """Return what a name says without its number; nothing where it only counts."""
     stem = without_number(name)
     return "" if stem.isdecimal() or stem.lower() in NO_MATERIAL else stem
+
+
+def _column(rule: str | None) -> str:
+    """Return the name in ``column:NAME``."""
+    return (rule or "").partition("column:")[2]
 
 
 def _runs(labels: Sequence[str | None]) -> str:

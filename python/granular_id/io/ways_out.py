@@ -69,7 +69,12 @@ def places_of(source: FileSource) -> list[Place]:
     readings: list[Mapping[str, Any]] = [stated] if source.label or source.label_else else []
     if source.two_meanings is not None:
         readings = [part.options for part in source.two_meanings if isinstance(part, WayOut) and part.options]
-    ending = next((end for end in _NUMBERS if re.sub(end, "", source.path.stem) == source.name_label), None)
+    before, _, behind = source.path.stem.partition(source.name_label or source.path.stem)
+    ends = [f"^{_any_number(before)}"] * bool(before) + [f"{_any_number(behind)}$"] * bool(behind)
+    endings = (
+        end for end in (*_NUMBERS, "|".join(ends)) if re.sub(end, "", source.path.stem) == source.name_label
+    )
+    ending = next(endings, None)
     of_name = None if ending is None else f"re.sub(r{ending!r}, '', path.stem)".replace("\\\\", "\\")
     calls = {"folder": "path.parent.name", "parent": "path.parent.parent.name"}
     calls |= {} if of_name is None else {"file": of_name, "name of the file": of_name}
@@ -83,6 +88,10 @@ def places_of(source: FileSource) -> list[Place]:
     return found or [Place("", None, "")]
 
 
+def _any_number(text: str) -> str:
+    return re.sub(r"\d+", r"\\d+", re.escape(text))
+
+
 def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> list[str]:
     """Return the line that reads a table by pandas, mended; of a folder it reads all files like this one.
 
@@ -94,9 +103,8 @@ def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> li
     given |= {named[what]: name for what, name in source.columns if name is not None and what in named}
     given["axes"] = None if source.axes is None else ",".join(source.axes)
     known = source.axes or AXES
-    stated = source.units or (
-        [table.units[axis] for axis in known] if set(known) <= table.units.keys() else None
-    )
+    units = {meaning_of(name).what: unit for name, unit in table.units.items()} | dict(table.units)
+    stated = source.units or ([units[axis] for axis in known] if set(known) <= units.keys() else None)
     given["units"] = None if stated is None else ",".join(stated)
     words = "".join(f", {name}={value!r}" for name, value in given.items() if value is not None)
     if source.rate_hz is None and "time" not in given and not is_clock(list(table.columns)):

@@ -328,9 +328,9 @@ def numbers_of(
     names: Sequence[str],
     *,
     clock: str | None = None,
-    of_text: Sequence[str] = (),
+    csv: Mapping[str, Any] | None = None,
 ) -> FloatArray:
-    """Put columns side by side, read-only, empty cells as NaN; `of_text`: all columns that ``pandas.read_csv`` read."""
+    """Put columns side by side, read-only, empty cells as NaN; `csv`: options of ``pandas.read_csv`` that read them."""
     found = []
     for name in names:
         values = columns[name]
@@ -346,10 +346,10 @@ def numbers_of(
             if isinstance(cell, bool) or not isinstance(cell, (int, float, type(None)))
         ]
         if no_number:
-            texts = [row for row in no_number if _NUMBER.fullmatch(str(cells[row])) is None]
+            texts = [row for row in no_number if _NUMBER.fullmatch(_plain_number(cells[row], csv)) is None]
             row = (texts or no_number)[0]
             several = {str(cells[one])[:40] for one in texts}
-            raise _no_number(row, name, several, columns, names, clock, of_text)
+            raise _no_number(row, name, several, columns, names, clock, csv)
         found.append(np.array([np.nan if cell is None else cell for cell in cells], np.float64))
     whole = np.column_stack(found).astype(np.float64, copy=False)
     whole.flags.writeable = False
@@ -363,7 +363,7 @@ def _no_number(
     columns: Mapping[str, npt.NDArray[Any]],
     names: Sequence[str],
     clock: str | None,
-    of_text: Sequence[str],
+    csv: Mapping[str, Any] | None,
 ) -> TableError:
     """Say what is wrong with a cell, and what reads it: options of pandas, or methods of its frames."""
     cell, beside = columns[name][row], {one: columns[one][row] for one in names}
@@ -376,16 +376,18 @@ def _no_number(
     if any(with_comma):
         option = {"decimal": ","} if with_comma[0] else {"thousands": ","}
     elif several == {text} and all(str(value).strip() == called for called, value in beside.items()):
-        option = {"na_values": list(of_text)}  # its names again
+        option = {"na_values": list(columns)}  # its names again
     elif several == {text} and all(value == cell for value in beside.values()):  # else it were empty in part
         option = {"na_values": text}
     why = "; if it stands for a missing sample" * (option.get("na_values") == text)
-    if option and of_text:
+    if csv is not None and any(csv.get(key) != value for key, value in option.items()):
         return TableError((f"{text!r} is no number{why}: pass ", in_both(csv=option)), row, name)
-    mend = mended(names, is_text=True)
+    mend = mended(names, is_text=True, decimal=(csv or {}).get("decimal", "."))
     stamps = columns.get(clock or "")
     if stamps is not None and stamps.dtype.kind == "O" and _NUMBER.fullmatch(str(stamps[0])):
-        mend = NUMERIC_ROWS.format(clock=clock) + mend
+        rows = [float(str(stamp)) for stamp in stamps if _NUMBER.fullmatch(str(stamp))]
+        anew = ANEW.format(stamps=f"pandas.to_numeric(f[{clock!r}])") * bool((np.diff(rows) < 0).any())
+        mend = NUMERIC_ROWS.format(clock=clock) + anew + mend
     return TableError(f"{text!r} is no number; wanted a number", row, name, mend=mend * (not any(with_comma)))
 
 
@@ -393,9 +395,20 @@ NUMERIC_ROWS = ".pipe(lambda f: f[pandas.to_numeric(f[{clock!r}], errors='coerce
 """The method of a data frame that leaves out rows whose stamp is no number."""
 
 
-def mended(names: Sequence[str], *, is_text: bool = False, fill: bool = False) -> str:
+ANEW = ".assign(recording=lambda f: ({stamps}.diff() < 0).cumsum())"
+"""The method that begins a recording where stamps run back."""
+
+
+def _plain_number(cell: Any, csv: Mapping[str, Any] | None) -> str:
+    """Return a cell with the point that options of pandas make of it."""
+    marks = csv or {}
+    return str(cell).replace(marks.get("thousands") or "\0", "").replace(marks.get("decimal") or ".", ".")
+
+
+def mended(names: Sequence[str], *, is_text: bool = False, decimal: str = ".", fill: bool = False) -> str:
     """Return the method of a data frame that empties rows which are no samples; a gap stays where they were."""
     numbers = ".apply(pandas.to_numeric, errors='coerce')" * is_text
+    numbers = f".replace({decimal!r}, '.', regex=True)" * (decimal != ".") + numbers
     finite = ".replace([float('inf'), -float('inf')], float('nan'))"
     filled = ".interpolate()" * fill
     return f".pipe(lambda f: f.assign(**f[{list(names)}]{numbers}{finite}{filled}.dropna().reindex(f.index)))"

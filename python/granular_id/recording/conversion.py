@@ -28,6 +28,7 @@ from granular_id.recording.clock import (
     unpacked,
 )
 from granular_id.recording.columns import (
+    ANEW,
     FLAGS,
     LABEL,
     LABEL_NAMES,
@@ -79,7 +80,9 @@ class Table:
     session: str | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
     clock: str = "time"  # how errors call the clock
-    is_text: bool = False  # pandas.read_csv made it, so that options of that may read it otherwise
+    csv: Mapping[str, Any] | None = (
+        None  # the options of pandas.read_csv that made it; others may read it otherwise
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,8 +208,7 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
         wrench = locked(np.asarray(table.values, np.float64, order="C"))
     else:
         try:
-            of_text = list(cells) if table.is_text else ()
-            wrench = numbers_of(cells, names, clock=called.get(TIME), of_text=of_text)
+            wrench = numbers_of(cells, names, clock=called.get(TIME), csv=table.csv)
         except TableError as error:
             if ".explode(" in error.mend and not any(meaning_of(name).what == RECORDING for name in cells):
                 error.mend = f".assign(recording=lambda f: range(len(f))){error.mend}"
@@ -550,7 +552,7 @@ class _Part:
         ids = [name for name, changes in others.items() if changes and changes | known == begins]
         ids = ids or _ids(self._table, self._picked, self._rows, begins)
         if not ids:
-            return (), f".assign(recording=lambda f: (f[{self._picked.called[TIME]!r}].diff() < 0).cumsum())"
+            return (), ANEW.format(stamps=f"f[{self._picked.called[TIME]!r}]")
         return ("; pass ", in_both(id=ids[0])), ""
 
     def _no_clock(self) -> list[str]:

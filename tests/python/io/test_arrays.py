@@ -188,6 +188,29 @@ def test_partly_empty_samples_have_a_line_that_leaves_them_out(tmp_path, form):
 
 
 @pytest.mark.parametrize("form", ["mat", "h5"])
+@pytest.mark.parametrize(
+    ("odd", "lost"),
+    [
+        ({"ft": np.where(np.arange(300).reshape(50, 6) == 7, np.nan, X[2])}, 0),
+        ({"ft": X[2, :, :5]}, 1),
+        ({"ft": np.zeros(0)}, 1),
+        ({"material": np.zeros(0)}, 1),
+    ],
+)
+def test_the_line_for_one_odd_struct_has_what_was_typed(tmp_path, form, odd, lost):
+    groups = {
+        f"push_{i}": {"ft": x, "material": y, "day": day, **(odd if i == 2 else {})}
+        for i, (x, y, day) in enumerate(zip(X, LABELS, DAYS, strict=True))
+    }
+    tree = {"pushes": list(groups.values())} if form == "mat" else groups
+    path = written({**tree, "fs": 500}, form, tmp_path)
+    data = run(*lines_of(refusal(path, array="ft", label="column:material", session="column:day")))
+    left = [0, 1, *([] if lost else [2]), 3]
+    assert data.y.tolist() == [LABELS[i] for i in left]
+    assert data.sessions.tolist() == [DAYS[i] for i in left]
+
+
+@pytest.mark.parametrize("form", ["mat", "h5"])
 def test_an_array_without_samples_among_others_is_refused(tmp_path, form):
     both = enumerate(zip([*X[:2], np.zeros(0), X[3]], LABELS, strict=True))
     groups = {f"push_{i}": {"ft": x, "material": y} for i, (x, y) in both}

@@ -30,8 +30,8 @@ def named(time, force, torque):
     return [time, *(kind.format(axis) for kind in (force, torque) for axis in "xyz")]
 
 
-def with_cell(row, column, value):
-    frame = table().astype(object)
+def with_cell(row, column, value, scale=1.0):
+    frame = table(scale=scale).astype(object)
     frame.loc[row, column] = value
     return lines(frame)
 
@@ -82,6 +82,16 @@ CASES = {
     "LabVIEW": (labview(), [], {}),
     "LabVIEW with commas": (labview(","), [], {}),
     "LabVIEW with headers in the middle": (labview_again(), [], {}),
+    "units of LabVIEW and a cell of text": (
+        ["Y_Unit_Label\tmN\tmN\tmN\tN mm\tN mm\tN mm", *"\n".join(with_cell(7, "fz", "OVER", scale=1000)).replace(",", "\t").split("\n")],
+        [7],
+        {},
+    ),
+    "a cell of text among decimal commas": (
+        "\n".join(with_cell(7, "fz", "OVER")).replace(",", ";").replace(".", ",").split("\n"),
+        [7],
+        {},
+    ),
     "a maker's export": (maker(), [], {}),
     "names again in the middle": ([*lines(table())[:30], ",".join(["time", *AXES]), *lines(table())[30:]], [], {}),
     "a title above": (["Rig 3, gain 2", *lines(table())], [], {}),
@@ -217,7 +227,7 @@ def test_a_column_of_files_without_labels_is_offered(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "layout", ["{name}_{i}", "{name}/{i}", "{name}/2025-03-0{i}/1", "2025-03-0{i}/{name}/1"]
+    "layout", ["{name}_{i}", "{name}_run0{i}", "{name}/{i}", "{name}/2025-03-0{i}/1", "2025-03-0{i}/{name}/1"]
 )
 def test_a_mended_table_is_read_with_all_like_it(tmp_path, layout):
     for name in ("rice", "peas"):

@@ -193,7 +193,7 @@ def test_what_files_state_themselves_needs_no_folders(tmp_path):
         ("folder", "file", ("rice", "a/rice/push_1.csv")),
         ("parent", "folder", ("a", "rice")),
         ("file", "parent", ("push_1", "a")),
-        ("column:stuff", "column:day", ("oats", "3")),
+        ("column:stuff", "column:day", ("oats", "3.0")),
         ("meta:read_as", "folder", ("time=t", "a/rice")),
     ],
 )
