@@ -16,9 +16,12 @@ from granular_id._text import PYTHON_ONLY, RATE, WayOut, command_words, counted,
 from granular_id.cli.outputs import show
 
 if TYPE_CHECKING:
-    from granular_id.recording import Dataset
+    from granular_id.recording import Dataset, Recording
 
 _MOST_LINES = 6
+
+_OTHER_RATE = 1.9
+"""Usual steps of a recording, in those of all, from which on it was sampled at another rate."""
 
 _SPECIAL = '"$`\\!'
 """What a shell takes for something else between double quotes."""
@@ -151,10 +154,6 @@ def _prepared(path: Path) -> str:
 
 def _unprepared(data: Dataset, path: Path | None) -> WayOutError:
     """Return the refusal of recordings without labels, one rate or one length; it names what gives them those."""
-    import numpy as np
-
-    from granular_id.recording import PAUSE_S
-
     if not data.labels:
         return _unlabelled(data, path)
     rates = sorted({recording.rate_hz for recording in data if recording.rate_hz is not None})
@@ -162,24 +161,7 @@ def _unprepared(data: Dataset, path: Path | None) -> WayOutError:
     ends = [float(recording.times()[-1] - recording.times()[0]) for recording in data]
     even = {"duration_s": "shortest"} if max(ends) - min(ends) > 1e-9 else {}
     if irregular:
-        some = f"{len(irregular)} of {counted(len(data))}"
-        steps = np.concatenate([np.diff(recording.times()) for recording in irregular])
-        if not steps.size:
-            problem = f"{some} {verb(len(irregular), 'holds', 'hold')} a single sample, the first is"
-            return WayOutError(f"{problem} {irregular[0].name!r}: wanted recordings of a whole push")
-        step_s, gap_s = float(np.median(steps)), float(steps.max())
-        if gap_s >= PAUSE_S:
-            return WayOutError(
-                f"{some} {verb(len(irregular), 'has', 'have')} pauses of up to {gap_s:.3g} s; a recording of each "
-                "stretch ",
-                typed(split_gap_s=PAUSE_S),
-            )
-        fill = {"max_gap_s": math.ceil(10 * gap_s) / 10} if gap_s > 0.25 else {}
-        return WayOutError(
-            f"{some} {verb(len(irregular), 'is', 'are')} sampled irregularly, with a median step of "
-            f"{1000 * step_s:.3g} ms and gaps of up to {1000 * gap_s:.3g} ms; nothing is resampled unasked ",
-            typed(resample_hz=_round_below(1 / step_s), **fill, **even),
-        )
+        return _irregular(len(data), irregular, even)
     if len(rates) > 1:
         return WayOutError(
             f"recordings were sampled at {rates[0]:g} to {rates[-1]:g} Hz; nothing is resampled unasked ",
@@ -210,6 +192,41 @@ def _unprepared(data: Dataset, path: Path | None) -> WayOutError:
 def _full(lengths: Sequence[float]) -> float:
     """Return the shortest of the lengths that are about usual."""
     return next(one for one in lengths if one > 0.8 * lengths[len(lengths) // 2])
+
+
+def _irregular(n_in_all: int, irregular: Sequence[Recording], even: dict[str, Any]) -> WayOutError:
+    """Return the refusal of recordings that are sampled irregularly."""
+    import numpy as np
+
+    from granular_id.recording import PAUSE_S
+
+    some = f"{len(irregular)} of {counted(n_in_all)}"
+    steps = np.concatenate([np.diff(recording.times()) for recording in irregular])
+    if not steps.size:
+        problem = f"{some} {verb(len(irregular), 'holds', 'hold')} a single sample, the first is"
+        return WayOutError(f"{problem} {irregular[0].name!r}: wanted recordings of a whole push")
+    step_s, gap_s = float(np.median(steps)), float(steps.max())
+    if gap_s >= PAUSE_S:
+        return WayOutError(
+            f"{some} {verb(len(irregular), 'has', 'have')} pauses of up to {gap_s:.3g} s; a recording of each "
+            "stretch ",
+            typed(split_gap_s=PAUSE_S),
+        )
+    fill = {"max_gap_s": math.ceil(10 * gap_s) / 10} if gap_s > 0.25 else {}
+    medians = {r.name: float(np.median(np.diff(r.times()))) for r in irregular if r.n_samples > 1}
+    slow = max(medians, key=medians.__getitem__)
+    if medians[slow] > _OTHER_RATE * step_s:
+        low_hz = _round_below(1 / medians[slow])
+        return WayOutError(
+            f"{slow!r} was sampled at about {low_hz:g} Hz and others at {1 / step_s:.3g} Hz; nothing is resampled "
+            "unasked: leave it out, or bring all to the lower rate ",
+            typed(resample_hz=low_hz, **fill, **even),
+        )
+    return WayOutError(
+        f"{some} {verb(len(irregular), 'is', 'are')} sampled irregularly, with a median step of "
+        f"{1000 * step_s:.3g} ms and gaps of up to {1000 * gap_s:.3g} ms; nothing is resampled unasked ",
+        typed(resample_hz=_round_below(1 / step_s), **fill, **even),
+    )
 
 
 def _unlabelled(data: Dataset, path: Path | None) -> WayOutError:

@@ -119,6 +119,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         if is_plain and not any("\N{REPLACEMENT CHARACTER}" in name for name in head.names):
             # before all of it is read
             columns_of(tuple(filter(None, head.names)), source.axes, source.columns)
+        _refuse_half_row(head)
         columns, named = _columns(_read(pandas, head), head)
         columns_of(tuple(columns), source.axes, source.columns)
     except TableError as error:
@@ -167,6 +168,15 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         place=place,
         in_python=lambda mend: frames_line(_opening(head), source, table, mend),
     )
+
+
+def _refuse_half_row(head: _Head) -> None:
+    """Refuse a file whose last row has no end, and fewer cells than the row above."""
+    lines = [] if head.is_whole else list(_lines(head.path, head.options.get("encoding"), sys.maxsize))
+    n_cells = [len(_cells(line, head.options)) for line in lines[-2:]]
+    if len(n_cells) > 1 and len(lines) > head.below + 1 and n_cells[1] < n_cells[0]:
+        problem = f"the file ends in the middle of a row ({n_cells[1]} of {n_cells[0]} cells): it is cut off"
+        raise RecordingFileError(head.path, problem, line=len(lines))
 
 
 def _opening(head: _Head) -> str:

@@ -1,9 +1,9 @@
 """``index.csv``: what is known about the files of a folder, a line each.
 
 Column ``file`` (path within the folder; also ``filename`` or ``path``) is needed; ``label``, ``session``,
-``start_time`` (seconds since 1970, or ISO 8601 with its zone), ``rate_hz`` (or ``irregular``: keep the stamps),
-``trigger_index``, ``name``, ``meta`` (a JSON object) and ``axes`` (a JSON list, or names with commas between them) may
-follow in any order, empty cells meaning "not known". Any other column goes into ``meta`` as text.
+``start_time`` (seconds since 1970, or a date, of UTC where it states no zone), ``rate_hz`` (or ``irregular``: keep the
+stamps), ``trigger_index``, ``name``, ``meta`` (a JSON object) and ``axes`` (a JSON list, or names with commas between
+them) may follow in any order, empty cells meaning "not known". Any other column goes into ``meta`` as text.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from datetime import datetime
+from datetime import datetime, timezone
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -32,6 +32,8 @@ INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_i
 _FILES = frozenset(("files", "filename", "filenames", "filepath", "path", "paths"))
 """Other names of the column ``file``, without what stands between words."""
 
+_WITHOUT_ZONE = re.compile(r"\d{4}[-/]\d\d[-/]\d\d([T ][\d:.]+)?")
+
 IRREGULAR = "irregular"
 """What stands for a rate where a recording's own stamps stay as they are."""
 
@@ -40,7 +42,7 @@ HISTORY_NAME = "history.json"
 
 
 def read_index(
-    root: Path, problems: list[RecordingFileError], stated: Mapping[str, Any]
+    root: Path, problems: list[RecordingFileError], notes: list[str], stated: Mapping[str, Any]
 ) -> tuple[list[str], list[FileSource]]:
     """Return the columns of the index of a folder, and what it lists; lines that cannot be used go to `problems`."""
     path = root / INDEX_NAME
@@ -72,6 +74,9 @@ def read_index(
             continue
         found.append(source)
         lines[source.path] = line
+        text = dict(zip(columns, cells, strict=True)).get("start_time", "")
+        if _WITHOUT_ZONE.fullmatch(text.strip()) and not any("no zone" in note for note in notes):
+            notes.append(f"start_time {text.strip()!r} of {INDEX_NAME} states no zone: taken as UTC")
     if not found and not problems:
         raise RecordingFileError(path, "has a header but lists no file", line=2)
     return columns, found
@@ -168,10 +173,10 @@ def _start_time(text: str) -> float:
     with suppress(ValueError):
         # before Python 3.11 it knows no Z, and fractions of three or six digits only
         digits = re.sub(r"\.([0-9]+)", lambda fraction: f".{fraction[1]:0<6.6}", text)
-        when = datetime.fromisoformat(re.sub(r"[zZ]$", "+00:00", digits))
-        if when.tzinfo is not None:
-            return when.timestamp()
-    wanted = "seconds since 1970, or ISO 8601 with its zone, like 2026-11-21T09:30:00+01:00"
+        digits = digits.replace("/", "-") if _WITHOUT_ZONE.fullmatch(text.strip()) else digits
+        when = datetime.fromisoformat(re.sub(r"[zZ]$", "+00:00", digits.strip()))
+        return when.timestamp() if when.tzinfo is not None else when.replace(tzinfo=timezone.utc).timestamp()
+    wanted = "seconds since 1970, or a date like 2026-11-21, 2026-11-21 09:30:00 or 2026-11-21T09:30:00+01:00"
     raise GranularIdError(f"{text[:40]!r} is no time; wanted {wanted}")
 
 

@@ -18,7 +18,7 @@ from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOpt
 from granular_id.io.ways_out import in_python_each, paths_line, places_of
 from granular_id.recording import AXES, LABEL_NAMES, Table, meaning_of
 
-MOST_LISTED = 12
+MOST_LISTED = 8
 MOST_DEEP = 12
 """Groups in groups that are looked into."""
 

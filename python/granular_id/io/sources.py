@@ -284,7 +284,7 @@ def _without_front(name: str) -> str | None:
 
 def _indexed(root: Path, options: LoadOptions, walked: Sources) -> Sources:
     found = Sources("index.csv")
-    columns, files = read_index(root, found.problems, options.stated)
+    columns, files = read_index(root, found.problems, found.notes, options.stated)
     for source in files:
         if format_of(source.path) is None:
             problem = f"{source.path.relative_to(root).as_posix()!r} is of no known format"
@@ -325,6 +325,13 @@ def _label_by_place(root: Path, found: Sources) -> None:
             problem = f"whose name gives no label ({unnamed[0]!r}): wanted {LAYOUTS}"
             found.notes.append(f"{counted(len(unnamed), 'file')} {problem}")
         return
+    bare = next((one for one in found.files if one.path.suffix == ".db3" and one.path.is_file()), None)
+    if len(depths) > 1 and bare is not None:
+        folder = bare.path.parent
+        problem = (
+            f"lies without a metadata.yaml beside it: `ros2 bag reindex {folder}` writes one, or move it away"
+        )
+        raise RecordingFileError(bare.path, problem)
     if len(depths) > 1:
         firsts = [
             next(one for one in found.files if one.name.count("/") == depth) for depth in sorted(depths)

@@ -115,6 +115,18 @@ def is_unit(text: str) -> bool:
     return not plain or plain in ("-", "1") or known or plain.lower() in _OTHER_UNITS
 
 
+_PARTS = re.compile(
+    r"([mck]?n|[mcu]?m|[mun]?s|k?hz|m?rad|deg[cs]?|dps|k?g|m?v|m?a|[mu]?t|[km]?pa|kgf|lbf|ozf|in|ft|min|h|gauss|bar|psi|"
+    r"w|k|c|rpm|counts?|lsb)"
+)
+"""Units of which others are made."""
+
+
+def is_known_unit(text: str) -> bool:
+    """Return True if a unit, of any quantity, is made of those that are known: ``m/s2``."""
+    return is_unit(text) or all(map(_PARTS.fullmatch, re.findall(r"[^\W\d_]+", text.lower())))
+
+
 def units_by_axis(axes: Sequence[str], units: Sequence[str] | None) -> dict[str, str]:
     """Return the unit stated of each axis: of one for all, one an axis, or one for each of several equal runs."""
     if not units:

@@ -43,6 +43,7 @@ from granular_id.recording.columns import (
     cell_text,
     columns_of,
     factor,
+    is_known_unit,
     meaning_of,
     mended,
     numbers_of,
@@ -59,6 +60,9 @@ from granular_id.recording.recording import (
 )
 
 _MOST_OFFERED = 3
+_PAUSE = 50
+"""Steps of a clock, of the usual length, in one pause between recordings."""
+
 _MANY = 5
 """Rows of a stretch, in the mean, that may be a recording."""
 
@@ -279,6 +283,13 @@ def _units_of(
         if known and axis in wanted and not same_unit(known[0], wanted[axis]):
             problem = f"its unit is {known[0]!r:.40}, and units= states {wanted[axis]!r:.40}; leave it out"
             raise TableError(problem, column=name)
+        if axis in wanted and axis not in AXES and not is_known_unit(wanted[axis]):
+            problem = (
+                f"units= states {wanted[axis]!r:.40}, which is no unit that is known; wanted {TAKEN['N']}; "
+            )
+            raise TableError(
+                f"{problem}{TAKEN['N m']}; m/s2, rad/s, deg/s, V ... as of other sensors", column=name
+            )
         own[axis] = unit = known[0] if known else wanted.get(axis)
         scale = 1.0 if unit is None or axis not in AXES else factor(unit, unit_of(axis))
         if scale is None:
@@ -292,9 +303,16 @@ def _units_of(
         if silent and other is not None:
             problem = f"column {called[other]!r} states a unit and column {called[silent[0]]!r} none"
             raise TableError(f"{problem}; wanted that of each", column=called[silent[0]])
+    kept = {
+        unit
+        for axis, unit in own.items()
+        if axis not in AXES and unit is not None and {factor(unit, "N"), factor(unit, "N m")} - {None, 1.0}
+    }
     units = {axis: unit_spelling(unit) for axis, unit in own.items() if axis not in AXES and unit is not None}
     bare = [axis for axis, unit in own.items() if axis not in AXES and unit is None]
     notes = [f"no unit is known of {', '.join(bare)[:200]}: units= states it (--units)"] if bare else []
+    if kept:
+        notes.append(f"{', '.join(sorted(kept))} stay as they are: only axes called fx to tz are converted")
     if not converted:
         return None, units, notes
     units_converted = ", ".join(
@@ -603,6 +621,10 @@ class _Part:
                         problem += ["; to tell recordings apart pass ", in_both(id=ids[0])]
                     elif RECORDING not in self._columns and len(_changes(self._columns[what])) >= len(kinds):
                         anew = f"f[{column!r}] != f[{column!r}].shift()"
+                        clock, stamps = self._picked.called.get(TIME), self._columns.get(TIME, np.array([]))
+                        steps = np.diff(stamps) if stamps.dtype.kind in "iuf" else np.array([])
+                        if steps.size and steps.max() > _PAUSE * np.median(steps) > 0:
+                            anew = f"({anew}) | (f[{clock!r}].diff() > {_PAUSE * np.median(steps):.3g})"
                         mend = f".assign(recording=lambda f: ({anew}).cumsum())"
                     elif RECORDING not in self._columns:
                         problem += ["; to take each as a recording pass ", in_both(id=column)]

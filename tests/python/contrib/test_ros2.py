@@ -304,8 +304,6 @@ def test_node_refuses_what_is_wrong_in_one_line(changes, words, wanted, ros, run
     assert error.count("\n") == 1
 
 
-
-
 def test_node_ctrl_c_ends_it_with_the_summary(ros, run, heeding_interrupts):
     def script():
         yield from pushes(ros, last=False)

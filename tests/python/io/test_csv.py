@@ -182,6 +182,7 @@ BAD = {
     "empty": (b"", None, None),
     "header only": (HEADER, 1, None),
     "no header": (ROW1 + ROW2, 1, None),
+    "cut in a row": (HEADER + ROW1 + b"0.01,1,2,3", 3, None),
     "cut in an exponent": (HEADER + ROW1 + b"0.01,1,2,3,4,5,6e", 3, "tz"),
     "a clock without a name": (b",fx,fy,fz,tx,ty,tz\n" + ROW1 + ROW2, 1, None),
     "missing column": (b"time,fx,fy,fz,tx,ty\n0,1,2,3,4,5\n", 1, None),
@@ -381,6 +382,15 @@ def test_units_of_another_number_are_refused(tmp_path, units):
     (tmp_path / "a_1.csv").write_bytes(GOOD)
     with pytest.raises(GranularIdError, match="one per axis, in this order"):
         load(tmp_path / "a_1.csv", axes="fx,fy,fz,tx,ty,tz", units=units)
+
+
+@pytest.mark.parametrize("units", ["lbs", "furlong/s2", "N,lbs,N,N,N,N"])
+def test_units_of_other_axes_that_are_unknown_are_refused(tmp_path, units):
+    (tmp_path / "a_1.csv").write_bytes(NO_AXES)
+    with pytest.raises(RecordingFileError, match="no unit that is known"):
+        load(tmp_path / "a_1.csv", axes="ax,ay,az,wx,wy,wz", units=units)
+    data = load(tmp_path / "a_1.csv", axes="ax,ay,az,wx,wy,wz", units="lbf,uT")
+    assert "lbf stay as they are: only axes called fx to tz are converted" in data.history[-1].notes
 
 
 def test_axes_without_unit_are_noted(tmp_path):

@@ -75,6 +75,11 @@ def maker(torques="in-lb", scale=1 / INCH_POUND):
     return [*above, "Status, Fx, Fy, Fz, Tx, Ty, Tz, Time", *rows]
 
 
+def in_tabs(text):
+    return [line.replace(",", "\t") for line in text]
+
+
+IN_MN = ["Y_Unit_Label", *["mN"] * 3, *["N mm"] * 3]
 IN_POUNDS = [1 / POUND] * 3 + [1 / INCH_POUND] * 3
 SAID = {"UNITS": "lbf,in-lb"}
 CASES = {
@@ -82,11 +87,7 @@ CASES = {
     "LabVIEW": (labview(), [], {}),
     "LabVIEW with commas": (labview(","), [], {}),
     "LabVIEW with headers in the middle": (labview_again(), [], {}),
-    "units of LabVIEW and a cell of text": (
-        ["Y_Unit_Label\tmN\tmN\tmN\tN mm\tN mm\tN mm", *"\n".join(with_cell(7, "fz", "OVER", scale=1000)).replace(",", "\t").split("\n")],
-        [7],
-        {},
-    ),
+    "units of LabVIEW and a cell of text": (["\t".join(IN_MN), *in_tabs(with_cell(7, "fz", "OVER", 1000))], [7], {}),
     "a cell of text among decimal commas": (
         "\n".join(with_cell(7, "fz", "OVER")).replace(",", ";").replace(".", ",").split("\n"),
         [7],

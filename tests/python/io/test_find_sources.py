@@ -262,7 +262,7 @@ def test_index_says_it_all(tmp_path):
         ("file\nmissing.csv\n", None, "cannot be read"),
         ("file,rate_hz\na.csv,nan\n", 2, "is no rate"),
         ("file,start_time\na.csv,monday\n", 2, "is no time"),
-        ("file,start_time\na.csv,2025-03-04 10:00\n", 2, "with its zone"),
+        ("file,start_time\na.csv,2025-13-04 10:00\n", 2, "is no time"),
         ("file,trigger_index\na.csv,1.5\n", 2, "not a whole number"),
         ("file,trigger_index\na.csv,99\n", None, "outside the 3 samples"),
         ("file,meta\na.csv,[1]\n", 2, "wanted an object"),
@@ -293,6 +293,31 @@ def test_start_times_of_the_index_may_be_dates(tmp_path):
     for text in dates.split("|"):
         (tmp_path / "index.csv").write_text(f"file,start_time,rate_hz\na.csv,{text},500\n")
         assert load(tmp_path)[0].start_time == 1581072654.25
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("2020-02-07", 1581033600),
+        ("2020-02-07 10:50:54", 1581072654),
+        ("2020/02/07 10:50:54.25", 1581072654.25),
+    ],
+)
+def test_dates_of_the_index_without_zone_are_of_utc(tmp_path, text, seconds):
+    write(tmp_path / "a.csv", ",".join(AXES), ["1,2,3,4,5,6"])
+    (tmp_path / "index.csv").write_text(f"file,start_time,rate_hz\na.csv,{text},500\n")
+    data = load(tmp_path)
+    assert data[0].start_time == seconds
+    assert f"start_time {text!r} of index.csv states no zone: taken as UTC" in data.history[-1].notes
+
+
+def test_a_bag_without_metadata_is_named(tmp_path):
+    for name in ("rice/push_1", "rice/push_2"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "push.db3").write_bytes(b"")
+    (tmp_path / "rice/push_1/metadata.yaml").write_text("")
+    with pytest.raises(RecordingFileError, match=r"push_2/push.db3: lies without a metadata.yaml beside it"):
+        load(tmp_path)
 
 
 def test_index_keeps_even_stamps_where_it_calls_them_irregular(tmp_path):
