@@ -71,8 +71,8 @@ class Explanation:
         -------
         dict of dict
             Rows by name, such as "hfmh", "61-122 Hz" or "0.40-0.80 s"; in each the axes by name. Of two axes that are
-            coupled each has a half. Time is cut into eight stretches of equal length; a feature that lies in several
-            is shared by how long it is in each.
+            coupled each has a half. Time is cut into eight stretches of equal length, or fewer where the shortest
+            feature that contributes is longer than one; a feature that lies in several is shared by how long it is in each.
 
         Raises
         ------
@@ -94,7 +94,9 @@ class Explanation:
         return {name: dict(zip(self.columns.axes, row.tolist(), strict=True)) for name, row in rows.items()}
 
     def _over_time(self, spread: FloatArray, spans: FloatArray) -> dict[str, FloatArray]:
-        edges = np.linspace(spans.min(), spans.max(), _STRETCHES + 1)
+        whole, lengths = float(np.ptp(spans)), np.diff(spans)[spread.any(axis=1)]
+        n_stretches = min(_STRETCHES, math.floor(whole / lengths.min(initial=whole) + 1e-9))
+        edges = np.linspace(spans.min(), spans.max(), n_stretches + 1)
         start, stop = spans.T[:, :, np.newaxis]
         shares = np.diff(np.clip((edges - start) / (stop - start), 0.0, 1.0), axis=1)
         # A tenth of a stretch: names of two stretches must differ.
