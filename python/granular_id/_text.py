@@ -77,6 +77,11 @@ def percent(share: float | None, digits: int = 1) -> str:
     return "-" if share is None or math.isnan(share) else f"{100 * share:.{digits}f} %"
 
 
+def points(difference: float) -> str:
+    """Format a difference of shares in points; the last bit of a mean decides nothing."""
+    return f"{round(100 * difference, 9) + 0.0:.1f}"
+
+
 def short(text: str, most: int = 24) -> str:
     """Shorten a long name in the middle: names of a series differ at their ends."""
     tail = (most - 1) // 2

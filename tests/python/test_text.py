@@ -2,7 +2,7 @@
 
 import pytest
 
-from granular_id._text import fixed, known_label, percent, whole_percent
+from granular_id._text import fixed, known_label, percent, points, whole_percent
 
 
 @pytest.mark.parametrize(
@@ -14,6 +14,9 @@ from granular_id._text import fixed, known_label, percent, whole_percent
         (fixed(1e-300, 300), "1e-300"),
         (percent(0.123), "12.3 %"),
         (percent(float("nan")), "-"),
+        (points(1 - 0.9625), "3.8"),  # a last bit below 3.75, as 0.0375 is not
+        (points(0.0375), "3.8"),
+        (points(-1e-12), "0.0"),
         # neither the last error of a class nor its only hit is hidden
         (whole_percent(0.2), "<1"),
         (whole_percent(99.7), ">99"),

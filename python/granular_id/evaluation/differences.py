@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from granular_id._text import counted
+from granular_id._text import counted, points
 from granular_id.recording import Dataset, recordings_cut
 from granular_id.score import Held
 from granular_id.splits import RANDOM, SESSION, Fold, Folds, rows_of_class
@@ -68,10 +68,10 @@ class Gap:
         return self.p <= LOST_AT + 1e-12
 
     def __str__(self) -> str:
-        points = f"{100 * self.points:.1f} points"
+        gap = f"{points(self.points)} points"
         if self.is_lost:
-            return f"{points} are lost with {self.held_out} (p = {self.p:.2f})"
-        most = "" if math.isnan(self.most) else f"; they could cost up to {100 * self.most:.1f} points"
+            return f"{gap} are lost with {self.held_out} (p = {self.p:.2f})"
+        most = "" if math.isnan(self.most) else f"; they could cost up to {points(self.most)} points"
         return f"no loss shown with {self.held_out} (p = {self.p:.2f}{most})"
 
 

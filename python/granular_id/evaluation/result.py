@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from granular_id._checks import named
 from granular_id._files import TABLES, json_value, refuse_other_kind, whole_file, write_json
-from granular_id._text import Table, counted, percent, short, whole_percent
+from granular_id._text import Table, counted, percent, points, short, whole_percent
 from granular_id.evaluation.differences import Gap, Pair, compare
 from granular_id.evaluation.leakage import Baseline
 from granular_id.evaluation.report_data import ReportData
@@ -380,7 +380,7 @@ def accuracy_table(result: EvaluationResult) -> Table:
 def _cells(strict: float, at_random: float, drawn: bool) -> tuple[str, ...]:
     if not drawn:
         return (percent(strict),)
-    gap = "-" if math.isnan(at_random) else f"{100 * (at_random - strict) + 0.0:.1f}"
+    gap = "-" if math.isnan(at_random) else points(at_random - strict)
     return percent(strict), percent(at_random), gap
 
 
