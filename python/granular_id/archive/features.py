@@ -134,8 +134,11 @@ class FeaturesSpec:
         size = {"rate_hz": self.rate_hz, "n_samples": self.n_samples, "axes": self.axes}
         positional, by_name = self.extractor.__getnewargs_ex__()
         plain = {name: np.asarray(value).tolist() for name, value in by_name.items()}
-        own = {"class": type(self.extractor).__name__, "arguments": list(positional), **plain}
-        return {Features.holds: {**size, **own}}
+        kind = type(self.extractor).__name__
+        # the first that differs is what a refusal names
+        space = "+".join(name for name in ("raw", "hfmh") if plain.pop(name, False)) or kind
+        own = {"space": space, "class": kind, "arguments": list(positional), **plain}
+        return {Features.holds: {**own, **size}}
 
     def check(self, archive: Archive) -> None:
         """Refuse other rates and lengths."""

@@ -72,7 +72,8 @@ class Explanation:
         dict of dict
             Rows by name, such as "hfmh", "61-122 Hz" or "0.40-0.80 s"; in each the axes by name. Of two axes that are
             coupled each has a half. Time is cut into eight stretches of equal length, or fewer where the shortest
-            feature that contributes is longer than one; a feature that lies in several is shared by how long it is in each.
+            feature that contributes is longer than one; a feature that lies in several is shared by how long it is in
+            each.
 
         Raises
         ------

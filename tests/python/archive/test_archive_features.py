@@ -51,6 +51,8 @@ def test_spec_has_the_bits_of_extract_features(archive, out, tmp_path):
     assert features.X.tobytes() == gid.extract_features(some_recordings().X, spec=spec).tobytes()
     with pytest.raises(ValueError, match=r"holds other work already: cutoff_hz 40.0 there, 23.0 wanted"):
         extract(archive, out, progress=False)
+    with pytest.raises(ValueError, match="holds other work already: space 'hfmh' there, 'raw\\+hfmh' wanted"):
+        extract(archive, out, "raw+hfmh", progress=False)
     with pytest.raises(ValueError, match="'push 0' has 500 Hz, features of this spec want 250 Hz"):
         extract(archive, tmp_path / "slow", gid.FeatureSpec(rate_hz=250), progress=False)
 
