@@ -189,7 +189,8 @@ class ConfidenceStudy:
                 f"unknown materials, each left out in turn: AUROC {auroc:.3f}, {percent(refused, 0)} refused while "
                 f"{percent(1 - self.share_known, 0)} of the known are",
             ]
-            worst = sorted(self.unknown, key=lambda one: one.auroc)[:MOST_WORST]
+            flawed = [one for one in self.unknown if min(one.auroc, one.refused) < 1]
+            worst = sorted(flawed, key=lambda one: one.auroc)[:MOST_WORST]
             lines += [
                 f"  worst: {short(one.label)}, AUROC {one.auroc:.3f}, {percent(one.refused, 0)} refused"
                 for one in worst

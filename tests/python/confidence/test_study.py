@@ -37,6 +37,12 @@ def held(data):
     return fit_and_score(space_pipeline(space.transformer, ECOCClassifier()), data, hold_out(data))
 
 
+def test_material_without_a_flaw_is_not_the_worst(study):
+    one = study.unknown[0]
+    shown = replace(study, unknown=(replace(one, auroc=1.0, refused=1.0), replace(one, auroc=0.9)))
+    assert str(shown).count("worst: ") == 1
+
+
 def test_a_forest_of_ones_own_space_is_the_classifier(data):
     forest = RandomForestClassifier(n_estimators=5, random_state=0)  # not fitted it has no length
     own = replace(feature_spaces(rate_hz=data.rate_hz)["hfmh"], name="own", classifier=forest)
