@@ -149,8 +149,11 @@ def checked_n_jobs(n_jobs: object) -> int | None:
 def named(table: Mapping[str, Any], argument: str, name: object) -> Any:
     """Return the entry of a table of choices, or list their names in the error."""
     if not isinstance(name, str) or name not in table:
-        known = ", ".join(map(repr, table))
-        raise argument_error(GranularIdError, argument, f"must be one of {known}, got {name!r}")
+        from difflib import get_close_matches  # seldom needed
+
+        known, close = ", ".join(map(repr, table)), get_close_matches(str(name), table, 1)
+        meant = f"; did you mean {close[0]!r}?" if close else ""
+        raise argument_error(GranularIdError, argument, f"must be one of {known}, got {name!r}{meant}")
     return table[name]
 
 

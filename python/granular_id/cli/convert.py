@@ -264,7 +264,7 @@ def check_save(output: Path, *, source: Path | None = None, force: bool) -> None
 
     if output.is_file() and output.suffix.lower() == ".npz":
         check_outputs(("OUTPUT", output, DATA_SET), source=source, force=force)
-    elif force and output.is_dir() and any(output.iterdir()):
+    elif output.is_dir() and any(output.iterdir()):
         raise FileExistsError(f"{output} is a folder, --force replaces files only: give another name")
     else:
         check(output, _format_of(output))

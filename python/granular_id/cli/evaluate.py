@@ -155,7 +155,8 @@ def _names_in(spaces: str | None) -> str | list[str] | None:
 
     names, known = opt.names_in(spaces), feature_spaces()
     for name in names:
-        named(known, "spaces", name)
+        # alone these stand for several
+        named(known if len(names) > 1 or name in known else {**known, "paper": (), "all": ()}, "spaces", name)
     if not names or len(set(names)) < len(names):
         raise GranularIdError(f"--spaces must name at least one feature space, each once, got {spaces!r}")
     return names

@@ -36,8 +36,8 @@ def explain(
 
     Examples:
 
-    - `granular-id explain recordings rice oat`
-    - `granular-id explain recordings rice oat --space hfmh --figure rice_oat.png --json rice_oat.json`
+    - `granular-id explain recordings rice oat_flakes`
+    - `granular-id explain recordings rice oat_flakes --space hfmh --figure rice_oat.png --json rice_oat.json`
     """
     check_outputs(
         ("--figure", figure, PICTURE), ("--json", json, json_of("explanation")), source=path, force=force

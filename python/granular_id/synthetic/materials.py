@@ -130,10 +130,12 @@ def resolve_materials(materials: str | Material | Iterable[str | Material]) -> t
         raise GranularIdError("materials must name at least one material, got none")
     known = {material.name: material for material in PAPER_MATERIALS}
     resolved: dict[str, Material] = {}
+    unknown = [each for each in wanted if isinstance(each, str) and known_label(each, known) not in known]
+    if unknown:
+        names = " or ".join(map(repr, unknown))
+        raise GranularIdError(f"materials has no material {names}; known: {', '.join(known)}")
     for each in wanted:
         entry = known_label(each, known) if isinstance(each, str) else each
-        if isinstance(entry, str) and entry not in known:
-            raise GranularIdError(f"materials has no material {each!r}; known: {', '.join(known)}")
         if not isinstance(entry, str | Material):
             raise TypeError(f"materials must hold names or Material objects, got {entry!r}")
         material = known[entry] if isinstance(entry, str) else entry

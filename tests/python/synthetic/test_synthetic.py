@@ -294,7 +294,7 @@ def test_the_rest_before_the_motion_gives_nothing_away(thirty_each):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"materials": ["sand"]}, "materials has no material 'sand'; known: dry peas, .*cat litter"),
+        ({"materials": ["sand", "rice", "mud"]}, "has no material 'sand' or 'mud'; known: dry peas, .*cat litter"),
         ({"materials": []}, "at least one material"),
         ({"materials": ["rice", BY_NAME["rice"]]}, "'rice' twice"),
         ({"sensor": "gyro"}, "sensor must be a Sensor or 'imu', got 'gyro'"),
