@@ -14,6 +14,7 @@ RNG = np.random.default_rng(0)
 X = RNG.normal(size=(4, 50, 6))
 Y = ["rice", "peas", "rice", "peas"]
 T = np.arange(50) / 500
+PLACES = np.arange(1200).reshape(4, 50, 6)
 
 
 def frame(values=X[0], names=AXES, **columns):
@@ -22,12 +23,8 @@ def frame(values=X[0], names=AXES, **columns):
 
 def test_from_arrays_shares_one_block_and_keeps_every_bit():
     data = Dataset.from_arrays(X, Y, 500, sessions=[1, 1, 2.0, None], names=list("abcd"))
-    assert data == Dataset(
-        [
-            Recording(x, rate_hz=500, label=y, session=s, name=n)
-            for x, y, s, n in zip(X, Y, ["1", "1", "2", None], "abcd", strict=True)
-        ]
-    )
+    rows = zip(X, Y, ["1", "1", "2", None], "abcd", strict=True)
+    assert list(data) == [Recording(x, rate_hz=500, label=y, session=s, name=n) for x, y, s, n in rows]
     assert np.shares_memory(data.X, data[0].wrench)
     assert X.flags.writeable
     assert data.history[-1].totals["uniform"] == 4
@@ -75,11 +72,8 @@ def test_from_arrays_empty_rows_are_padding_or_a_gap():
         ({"axes": "fx,fy"}, "axes has 2 names"),
         ({"units": "N,N m,N,N"}, "units has 4 for 6"),
         ({"units": "lb"}, r"X\[0\], column 'fx': its unit is 'lb'"),
-        (
-            {"X": np.where(np.arange(1200).reshape(4, 50, 6) == 700, np.inf, X)},
-            r"X\[2\], row 16, column 'ty': is inf",
-        ),
-        ({"X": np.where(np.arange(1200).reshape(4, 50, 6) == 700, np.nan, X)}, "empty or NaN, where others"),
+        ({"X": np.where(PLACES == 700, np.inf, X)}, r"X\[2\], row 16, column 'ty': is inf"),
+        ({"X": np.where(PLACES == 700, np.nan, X)}, "empty or NaN, where others"),
         ({"X": np.full_like(X, np.nan)}, "holds no samples"),
     ],
 )
@@ -98,9 +92,7 @@ class Polars:
         return self._table[name].to_list()
 
 
-TABLES = pytest.mark.parametrize(
-    "table", [lambda f: f, Polars, pa.table, dict], ids=["pandas", "polars", "arrow", "dict"]
-)
+TABLES = pytest.mark.parametrize("table", [lambda pandas: pandas, Polars, pa.table, dict])
 
 
 @TABLES
@@ -118,12 +110,7 @@ def test_from_frames_one_table_of_many_recordings(table):
     data = Dataset.from_frames(table(pd.concat(parts, ignore_index=True)), session="day")
     assert (data.y.tolist(), data.sessions.tolist()) == (Y, ["d0", "d1", "d0", "d1"])
     assert np.array_equal(data.X, X)
-    assert data.names == (
-        "frames[0] (rice, d0)",
-        "frames[0] (peas, d1)",
-        "frames[1] (rice, d0)",
-        "frames[1] (peas, d1)",
-    )
+    assert data.names == tuple(f"frames[{k}] ({name})" for k in (0, 1) for name in ("rice, d0", "peas, d1"))
 
 
 ISO = pd.Timestamp("2025-03-04 21:46:21.88") + pd.to_timedelta(np.arange(50) * 2, unit="ms")
@@ -187,11 +174,7 @@ def test_identical_rows_with_one_stamp_are_merged():
         (frame(time=T, force_x=1.0).rename(columns={"fx": "F_x"}), {}, "may both be 'fx'"),
         (frame(time=T), {"label": "material"}, "label='material' is no column"),
         (frame(time=T, m="a"), {"label": "m", "labels": ["b"]}, "label names a column, and labels are given"),
-        (
-            frame(time=T, day="a"),
-            {"session": "day", "sessions": ["b"]},
-            "session names a column, and sessions",
-        ),
+        (frame(time=T, day="a"), {"session": "day", "sessions": ["b"]}, "session names a column, and"),
         (pd.DataFrame(X[0]), {"rate_hz": 1}, "frames is a DataFrame; wanted a table"),
         (frame(time=T)[:0], {}, "frames has no rows"),
         (frame(time=T, id="a"), {"labels": ["a", "b"]}, "labels has 2 values for 1 table; .* which label="),

@@ -13,10 +13,8 @@ STARTS = (60, 140, 90)
 
 @pytest.fixture(scope="module")
 def data():
-    pushes = [
-        Recording(push(seed, start), rate_hz=RATE_HZ, label="rice", name=f"rice_{seed:02d}")
-        for seed, start in enumerate(STARTS)
-    ]
+    waves = [push(seed, start) for seed, start in enumerate(STARTS)]
+    pushes = [Recording(w, rate_hz=RATE_HZ, label="rice", name=f"rice_{k:02d}") for k, w in enumerate(waves)]
     still = Recording(noise(7, 900), rate_hz=RATE_HZ, label="air", name="air_00")
     return Dataset([*pushes, still])
 

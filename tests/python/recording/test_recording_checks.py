@@ -25,10 +25,16 @@ def alternating(wrenches, **fields):
 
 
 SMALL = [
-    recording(seed=4 * i + j, label=label, session=f"s{j // 2}", name=f"{label}_{j}")
-    for i, label in enumerate(("rice", "peas"))
-    for j in range(4)
+    recording(seed=i, label=label, session=f"s{i % 4 // 2}", name=f"{label}_{i % 4}")
+    for i, label in enumerate(["rice"] * 4 + ["peas"] * 4)
 ]
+
+DAYS = [{"seed": i, "start_time": 43200.0 * i} for i in range(4)]
+UNKNOWN_DAYS = [
+    recording(session=None, name="a[0]", meta={"day": i // 2}, **day) for i, day in enumerate(DAYS)
+]
+TWO_FILES = [recording(session=None, name=f"{'ab'[i // 2]}[{i}]") for i in range(4)]
+OWN_SESSIONS = [recording(session=f"s{i}", **day) for i, day in enumerate(DAYS)]
 
 
 def found_in(*recordings):
@@ -52,32 +58,17 @@ def test_a_sound_set_is_only_said_to_be_small():
         (
             [recording(session=None), recording(label="peas", session=None)],
             "no-session",
-            "(data convert --session column:NAME, folder or meta:NAME)",
+            "column:NAME, folder",
         ),
-        (
-            [
-                recording(session=None, name=f"a[{i}]", start_time=43200.0 * i, meta={"day": i // 2})
-                for i in range(4)
-            ],
-            "no-session",
-            "(data convert --session meta:day or evaluate --hold-out day)",
-        ),
-        (
-            [recording(session=None, name=f"{'ab'[i // 2]}[{i}]") for i in range(4)],
-            "no-session",
-            "(data convert --session file)",
-        ),
+        (UNKNOWN_DAYS, "no-session", "(data convert --session meta:day or evaluate --hold-out day)"),
+        (TWO_FILES, "no-session", "(data convert --session file)"),
         (
             [*SMALL, recording(11, name="cut")],
             "short",
-            "1 recording far shorter than the usual 0.19 s, the shortest is 'cut'",
+            "far shorter than the usual 0.19 s, the shortest is 'cut'",
         ),
         ([recording(session="x"), recording(session="x", seed=1)], "one-session", "none can be held out"),
-        (
-            [recording(session=f"s{i}", seed=i, start_time=43200.0 * i) for i in range(4)],
-            "own-sessions",
-            "(evaluate --hold-out day)",
-        ),
+        (OWN_SESSIONS, "own-sessions", "(evaluate --hold-out day)"),
         ([SMALL[0], recording(label="peas", session="s9")], "session-is-label", "2 of 2 labels"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
@@ -94,16 +85,11 @@ def test_tiny_recordings_are_judged_without_a_stumble(shape, n):
     assert set(alternating(wrenches, axes=axes).check().states) == {"ok"}
 
 
-@pytest.mark.parametrize(
-    ("wrenches", "code"),
-    [
-        (np.full((24, 200, 6), 3.0), "stuck-axis"),
-        (np.random.default_rng(0).normal(size=(12, 50, 6)) * 1e300, "units"),
-    ],
-)
-def test_constant_and_absurd_readings_are_judged(wrenches, code):
+def test_constant_and_absurd_readings_are_judged():
+    absurd = np.random.default_rng(0).normal(size=(12, 50, 6)) * 1e300
     with np.errstate(all="raise"):
-        assert code in codes(alternating(wrenches).check())
+        assert "stuck-axis" in codes(alternating(np.full((24, 200, 6), 3.0)).check())
+        assert "units" in codes(alternating(absurd).check())
 
 
 @pytest.mark.data

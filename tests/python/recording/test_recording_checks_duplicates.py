@@ -1,6 +1,7 @@
 """Copies and shared stretches are found, wherever they begin; other recordings are not."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -41,9 +42,7 @@ def test_shared_stretches(change, share, shift):
     sound = sound_set()
     report = with_copy(sound, change(sound[5].wrench, sound[30].wrench)).check()
     finding = by_code(report)["near-duplicates"]
-    pairs = {
-        (first, second): (found_shift, found) for first, second, found_shift, found in finding.values["pairs"]
-    }
+    pairs = {tuple(pair[:2]): pair[2:] for pair in finding.values["pairs"]}
     assert pairs[5, 48] == (shift, pytest.approx(share))
     assert finding.severity == "error"
     assert report.states[48] == report.states[5] == "error"
@@ -51,9 +50,8 @@ def test_shared_stretches(change, share, shift):
 
 def test_recordings_that_only_resemble_each_other_are_left_alone():
     sound, rng = sound_set(), np.random.default_rng(0)
-    same_push = [
-        replace(sound[5], wrench=sound[5].wrench + rng.normal(0, 0.05, (1600, 6)), name=f"{i}") for i in "ab"
-    ]
+    near = (sound[5].wrench + rng.normal(0, 0.05, (1600, 6)) for _ in range(2))
+    same_push = [replace(sound[5], wrench=wrench, name="near") for wrench in near]
     assert find_overlaps([*sound, *same_push]) == []
     constant = [Recording(np.full((200, 6), k), rate_hz=100, name=f"{k}") for k in range(4)]
     assert find_overlaps(constant) == []
@@ -61,12 +59,7 @@ def test_recordings_that_only_resemble_each_other_are_left_alone():
 
 
 @settings(max_examples=30)
-@given(
-    start=st.integers(0, 300),
-    length=st.integers(9, 300),
-    n_axes=st.sampled_from([1, 2, 3, 6]),
-    seed=st.integers(0, 99),
-)
+@given(st.integers(0, 300), st.integers(9, 300), st.sampled_from([1, 2, 3, 6]), st.integers(0, 99))
 def test_any_crop_is_found(start, length, n_axes, seed):
     rng = np.random.default_rng(seed)
     names = tuple(f"a{i}" for i in range(n_axes))
@@ -98,20 +91,11 @@ def same_rows(one, two):
 def test_the_robot_failures_hold_copies(data_dir, name):
     data = load_failures(data_dir / "robot_failures", name)
     report = by_code(data.check())
-    found = {
-        tuple(pair[:2])
-        for code in ("duplicates", "near-duplicates")
-        if code in report
-        for pair in report[code].values["pairs"]
-    }
-    least = 12
+    codes = {"duplicates", "near-duplicates"} & set(report)
+    found = {tuple(pair[:2]) for code in codes for pair in report[code].values["pairs"]}
     rows = [{row.tobytes() for row in r.wrench} for r in data]
-    plain = {
-        (i, j)
-        for i in range(len(data))
-        for j in range(i + 1, len(data))
-        if len(rows[i] & rows[j]) and same_rows(data[i].wrench, data[j].wrench) >= least
-    }
+    pairs = [(i, j) for i, j in combinations(range(len(data)), 2) if rows[i] & rows[j]]
+    plain = {(i, j) for i, j in pairs if same_rows(data[i].wrench, data[j].wrench) >= 12}
     linked = list(range(len(data)))  # copies of copies need not be listed as pairs
     for i, j in sorted(found):
         group = {linked[i], linked[j]}

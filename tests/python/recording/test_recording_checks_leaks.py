@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from sklearn.model_selection import LeaveOneOut
+from sklearn.model_selection import LeaveOneOut, cross_val_predict
 from sklearn.neighbors import KNeighborsClassifier
 
 from checks_cases import MATERIALS, WHOLE, by_code, codes, damaged, sound_set
@@ -40,13 +40,8 @@ def test_what_is_stated_beside_the_samples(fields, found, words):
 
 
 def random_recording(i, rng):
-    return Recording(
-        rng.normal(size=(50, 6)),
-        rate_hz=100,
-        label="abc"[i % 3],
-        session=f"s{i // 3 % 3}",
-        start_time=1e9 + 60 * i,
-    )
+    about = {"label": "abc"[i % 3], "session": f"s{i // 3 % 3}", "start_time": 1e9 + 60 * i}
+    return Recording(rng.normal(size=(50, 6)), rate_hz=100, **about)
 
 
 def test_sets_without_a_leak_are_left_alone():
@@ -63,10 +58,7 @@ def own_tool(r):
     ("meta", "names"),
     [
         (own_tool, ["tool"]),
-        (
-            lambda r: {"lab": {"person": f"person {SLOT[r.label]}"}, "source": own_tool(r)},
-            ["tool", "lab.person"],
-        ),
+        (lambda r: {"lab": {"person": f"{SLOT[r.label]}"}, "source": own_tool(r)}, ["tool", "lab.person"]),
         (lambda r: {"speed_m_s": 0.03 + SLOT[r.label]}, ["motion"]),
         (lambda r: {"material": r.label.upper(), "grain_mm": SLOT[r.label]}, []),
         (lambda r: {"tool": f"tool {SLOT[r.label] // 2}"}, []),  # two labels share one
@@ -90,11 +82,8 @@ def test_the_share_is_that_of_a_nearest_neighbour_classifier(seed):
     labels, line = rng.integers(0, 3, 40), rng.normal(size=(40, 1))
     nearest = nearest_on_a_line(line[:, 0], rng)
     one = KNeighborsClassifier(1)
-    right = [
-        one.fit(line[train], labels[train]).predict(line[[i]])[0] == labels[i]
-        for train, (i,) in LeaveOneOut().split(line)
-    ]
-    assert (labels[nearest] == labels).tolist() == right
+    named = cross_val_predict(one, line, labels, cv=LeaveOneOut())
+    assert (labels[nearest] == labels).tolist() == (named == labels).tolist()
 
 
 @given(st.lists(st.sampled_from([0.0, 1.0, 1.5, 4.0, np.nan]), min_size=2, max_size=30))

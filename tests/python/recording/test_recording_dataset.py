@@ -221,14 +221,9 @@ def test_align_refuses(mixed, how, message):
         mixed.align(**how)
 
 
-@given(
-    lengths=st.lists(st.integers(5, 30), min_size=1, max_size=5),
-    n=st.integers(1, 8),
-    shift=st.integers(0, 4),
-)
+@given(st.lists(st.integers(5, 30), min_size=1, max_size=5), st.integers(1, 8), st.integers(0, 4))
 def test_align_accounts_for_every_sample(lengths, n, shift):
     data = Dataset([recording(length, seed=i, trigger_index=shift) for i, length in enumerate(lengths)])
-    aligned = None
     fits = [length - shift >= n for length in lengths]
     if not any(fits):
         with pytest.raises(ValueError, match="none of the"):

@@ -59,11 +59,7 @@ def test_crop_without_a_lead_says_what_to_call():
 @pytest.mark.parametrize(
     ("data", "known", "message"),
     [
-        (
-            [recording(N), recording(12)],
-            takes(),
-            r"'r12' has 12 samples \(0.12 s\), the model takes 20 .*; 1 of 2",
-        ),
+        ([recording(N), recording(12)], takes(), r"'r12' has 12 samples .*, the model takes 20 .*; 1 of 2"),
         ([recording(12)], takes(), r"1 of 1 recording is shorter$"),
         ([recording(30)], takes(), r"has no trigger_index: 'r30'; call .find_onsets\(\)"),
         ([recording(30, 2)], takes(), "begins 3 samples too late for the lead"),
@@ -82,10 +78,7 @@ IRREGULAR = replace(recording(30, trigger=8), rate_hz=None, time_s=np.arange(30)
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        (
-            recording(30, rate_hz=125.0),
-            "'r30' has 125 Hz, the model was trained at 100 Hz; nothing is resampled",
-        ),
+        (recording(30, rate_hz=125.0), "'r30' has 125 Hz, the model was trained at 100 Hz"),
         (IRREGULAR, r"'r30' is sampled irregularly.*call \.resample\(100\)"),
         (TWO_AXES, "'x' has the axes fx fy; the model was trained on fx fy fz tx ty tz$"),
         (MORE_AXES, r"the model was trained on fx fy fz tx ty tz: call \.select\(axes="),

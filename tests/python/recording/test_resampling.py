@@ -131,7 +131,7 @@ def tone_left(times, rate_in, tone_hz, rate_hz):
 @pytest.mark.parametrize("rate_in", [500.0, 1000.0, 512.3, 7000.0])
 @pytest.mark.parametrize("rate_hz", [400.0, 333.3, 250.0, 100.0, 62.5])
 def test_no_tone_above_half_the_new_rate_is_left(rate_in, rate_hz):
-    times = np.arange(20 * rate_in) / rate_in
+    times = np.arange(8 * rate_in) / rate_in
     for part in (1.05, 1.2, 1.5, 2.0, 2.7, 4.0):
         if (tone := part * rate_hz / 2) < 0.49 * rate_in:
             assert tone_left(times, rate_in, tone, rate_hz) < -50
@@ -142,7 +142,7 @@ def test_no_tone_above_half_the_new_rate_is_left(rate_in, rate_hz):
 @pytest.mark.parametrize("jitter", [0.01, 0.05, 0.1])
 @pytest.mark.parametrize("rate_hz", [500.0, 333.3, 100.0])
 def test_no_tone_is_left_of_jittered_stamps(jitter, rate_hz):
-    times = (np.arange(20_000) + np.random.default_rng(1).uniform(-jitter, jitter, 20_000)) / 1000
+    times = (np.arange(8000) + np.random.default_rng(1).uniform(-jitter, jitter, 8000)) / 1000
     tones = [part * rate_hz / 2 for part in (1.05, 1.3, 1.6, 2.4, 4.0, 8.0)]
     for tone in (*(tone for tone in tones if tone <= 400), 420, 440, 460, 480):
         assert tone_left(times, None, tone, rate_hz) < -40
@@ -201,9 +201,8 @@ def test_bursts_of_stamps_are_not_swung_through_and_said():
 def test_a_rate_close_to_the_own_one_is_not_filtered(rate_hz):
     wrench = np.random.default_rng(0).normal(size=(200, 6))
     out = resampled(Recording(wrench, rate_hz=500), rate_hz)
-    np.testing.assert_allclose(
-        out.wrench, straight_line_twin(np.arange(200) / 500, wrench, rate_hz), atol=1e-9
-    )
+    line = straight_line_twin(np.arange(200) / 500, wrench, rate_hz)
+    np.testing.assert_allclose(out.wrench, line, atol=1e-9)
 
 
 def test_noise_is_not_swollen_by_jittered_stamps():
@@ -285,20 +284,9 @@ def test_time_order_sorts_merges_equal_rows_and_averages_none(ticks):
             time_order(stamps, values, rate_stated=True, repair=False)
 
 
-@pytest.mark.parametrize(
-    ("rate", "figure"),
-    [
-        (500.02, 500),
-        (1000.9, 1000),
-        (62.47, 62.5),
-        (33.02, 33),
-        (0.2501, 0.25),
-        (333.3, 333.3),
-        (501.0, 501.0),
-    ],
-)
-def test_rates_near_a_round_figure_are_that_figure(rate, figure):
-    assert uniform_rate(np.arange(20_000) / rate) == figure
+def test_rates_near_a_round_figure_are_that_figure():
+    rates = {500.02: 500, 1000.9: 1000, 62.47: 62.5, 33.02: 33, 0.2501: 0.25, 333.3: 333.3, 501.0: 501.0}
+    assert {rate: uniform_rate(np.arange(20_000) / rate) for rate in rates} == rates
 
 
 # Logs with pauses.
