@@ -226,11 +226,6 @@ def test_order_in_time_says_what_it_goes_by(times, note):
     assert folds.notes == (f"{folds.name}, {note}",)
 
 
-def test_groups_of_rows_keep_their_order():
-    data = made(["a", "b"] * 3, times=[5.0, 4.0, 3.0, 2.0, 1.0, 0.0])
-    assert groups_of(data).take(np.array([0, 2, 5])).order.tolist() == [2, 1, 0]
-
-
 def test_rows_whose_session_is_not_known_choose_by_others():
     codes, known = np.repeat([0, 1, 2], 4), [*[1, 2] * 4, float("nan"), "", None, 2]
     folds = choice_folds(codes, checked_groups(len(codes), known), n_folds=5, seed=0)

@@ -76,23 +76,6 @@ def test_odd_report_does_not_cost_the_recording(tmp_path):
     assert "the robot's report['pose'] is a ndarray" in stored["report_error"]
 
 
-def test_killed_process_leaves_a_hidden_file_only(tmp_path, monkeypatch):
-    """Looked at while each array is written, as if the process ended there."""
-    write, seen = np.lib.format.write_array, []
-
-    def look(file, array, **options):
-        write(file, array, **options)
-        hidden = [path for path in files(tmp_path) if path.name.startswith(".")]
-        seen.append((len(hidden), len(files(tmp_path)), len(gid.load(tmp_path / "data"))))
-
-    _, recorder = bench(tmp_path)
-    recorder.record("rice")
-    monkeypatch.setattr("numpy.lib.format.write_array", look)
-    recorder.record("rice")
-    assert set(seen) == {(1, 2, 1)}
-    assert len(files(tmp_path)) == len(gid.load(tmp_path / "data")) == 2
-
-
 @pytest.mark.parametrize("archive", [False, True])
 def test_full_disk_loses_no_recording(tmp_path, monkeypatch, archive):
     def full(*_, **__):

@@ -8,7 +8,6 @@ import pytest
 
 from checks_cases import by_code, codes, damaged, sound_set
 from granular_id.recording import CheckReport, Dataset, Recording
-from robot_failures import load_failures
 
 
 def recording(n=20, *, seed=None, **fields):
@@ -90,13 +89,6 @@ def test_constant_and_absurd_readings_are_judged():
     with np.errstate(all="raise"):
         assert "stuck-axis" in codes(alternating(np.full((24, 200, 6), 3.0)).check())
         assert "units" in codes(alternating(absurd).check())
-
-
-@pytest.mark.data
-def test_the_robot_failures_are_coarse_and_short(data_dir):
-    report = load_failures(data_dir / "robot_failures", "lp1").check()
-    assert codes(report) <= {"no-session", "stuck-axis", "outlier", "near-duplicates", "units"}
-    assert by_code(report)["stuck-axis"].values["axes"] == ("tz",)
 
 
 # --- The report

@@ -1,7 +1,6 @@
 """Copies and shared stretches are found, wherever they begin; other recordings are not."""
 
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from hypothesis import given, settings, strategies as st
 from checks_cases import by_code, sound_set
 from granular_id.recording import Dataset, Recording
 from granular_id.recording.checks.copies import find_overlaps
-from robot_failures import SETS, load_failures
 
 
 def with_copy(data, wrench, **fields):
@@ -74,35 +72,6 @@ def test_recordings_of_different_axes_are_not_compared():
     samples = np.random.default_rng(0).normal(size=(300, 2))
     pair = [Recording(samples, rate_hz=9, axes=axes) for axes in (("a", "b"), ("a", "c"))]
     assert find_overlaps(pair) == []
-
-
-def same_rows(one, two):
-    """The largest number of rows that two recordings share at one shift, by trying all."""
-    most, n = 0, len(one)
-    for shift in range(-n + 1, n):
-        left, right = one[max(shift, 0) :], two[max(-shift, 0) :]
-        rows = min(len(left), len(right))
-        most = max(most, int((left[:rows] == right[:rows]).all(axis=1).sum()))
-    return most
-
-
-@pytest.mark.data
-@pytest.mark.parametrize("name", SETS)
-def test_the_robot_failures_hold_copies(data_dir, name):
-    data = load_failures(data_dir / "robot_failures", name)
-    report = by_code(data.check())
-    codes = {"duplicates", "near-duplicates"} & set(report)
-    found = {tuple(pair[:2]) for code in codes for pair in report[code].values["pairs"]}
-    rows = [{row.tobytes() for row in r.wrench} for r in data]
-    pairs = [(i, j) for i, j in combinations(range(len(data)), 2) if rows[i] & rows[j]]
-    plain = {(i, j) for i, j in pairs if same_rows(data[i].wrench, data[j].wrench) >= 12}
-    linked = list(range(len(data)))  # copies of copies need not be listed as pairs
-    for i, j in sorted(found):
-        group = {linked[i], linked[j]}
-        linked = [min(group) if own in group else own for own in linked]
-    assert all(linked[i] == linked[j] for i, j in plain)
-    if name == "lp5":
-        assert "some under a different label" in report["duplicates"].message
 
 
 @pytest.mark.data

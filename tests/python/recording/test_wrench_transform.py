@@ -34,11 +34,6 @@ def test_power_is_the_same_in_both_frames():
     np.testing.assert_allclose(transform(WRENCH, TURN, P) @ np.r_[linear_new, angular_new], power, atol=1e-13)
 
 
-def test_the_inverse_leads_back():
-    back = transform(transform(WRENCH, TURN, P), TURN.inv(), -TURN.inv().apply(P))
-    np.testing.assert_allclose(back, WRENCH, atol=1e-14)
-
-
 def test_one_sample_has_the_bits_of_many():
     alone = np.array([transform(sample, TURN, P) for sample in WRENCH])
     assert alone.tobytes() == transform(WRENCH, TURN, P).tobytes()
@@ -74,8 +69,6 @@ def test_flip_of_a_mirrored_driver_brings_it_back(data_dir):
     ("arguments", "problem"),
     [
         ({"rotation": np.diag([1, 1, -1.0])}, "rotation is no rotation: .* flip="),
-        ({"rotation": 2 * np.eye(3)}, "rotation is no rotation"),
-        ({"rotation": np.zeros((3, 3))}, "rotation is no rotation"),
         ({"rotation": np.eye(3) + 1e-3}, "rotation is no rotation"),
         ({"rotation": [0, 0, 0, 2]}, "rotation is a quaternion of length 2; wanted 1"),
         ({"rotation": [1, 2, 3]}, "rotation has shape"),
@@ -121,15 +114,12 @@ FORCES = Dataset([Recording(WRENCH[:, :3], rate_hz=500, axes=("fx", "fy", "fz"),
     ("data", "keywords", "problem"),
     [
         (MIXED, {"rotation": TURN, "frame": "tool"}, r"several frames: 'wrist' \(2\), 'flange' \(1\)"),
-        (MIXED, {"translation": P, "frame": "tool"}, "several frames"),
         (MIXED, {"flip": AXES, "sign": "on the robot"}, "several signs"),
         (OF_FLANGE, {"rotation": TURN, "frame": "flange"}, "frame is 'flange' already, as the metadata of 1"),
         (OF_FLANGE, {"flip": AXES, "sign": "on the tool"}, "sign is 'on the tool' already"),
-        (OF_FLANGE, {"flip": AXES}, "sign are the words"),
         (OF_FLANGE, {"sign": "on the robot"}, "sign are the words"),
         (OF_FLANGE, {"flip": ("fx",), "sign": "on the robot"}, "sign are the words"),
         (OF_FLANGE, {"rotation": TURN}, "frame is None"),
-        (OF_FLANGE, {"translation": P}, "frame is None"),
         (MILLIMETRES, {"rotation": TURN, "frame": "flange"}, "'a' has tx in N mm; wanted N m"),
         (FORCES, {"rotation": TURN, "frame": "flange"}, r"axes fx fy fz; wanted.*replace\(recording, axes="),
     ],
