@@ -262,7 +262,6 @@ def test_adapted_model_is_not_declared_again(rig_model, elsewhere):
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        ({"rate_hz": 250.0}, "250 Hz, the model was trained at 500"),
         ({"meta": {"frame": "turned"}}, "another set-up"),
         ({"wrench": np.ones((400, 6))}, "3 of 3 recordings are shorter$"),
         ({"wrench": np.ones((600, 6)), "trigger_index": None}, r"Dataset\.align\(500\).*\(--duration-s 1\)$"),

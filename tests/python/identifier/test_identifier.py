@@ -229,11 +229,9 @@ OURS = "must be a pipeline of RawSignal, HFMH, RawHFMH or MultiBand, .*got"
         ({"space": make_pipeline(RawSignal(), RandomForestClassifier(2))}, f"{OURS} RawSignal, RandomForest"),
         ({"space": make_pipeline(MultiBand(), MultiBand(), ECOCClassifier())}, f"{OURS} MultiBand, Mul"),
         ({"space": make_pipeline(HFMH(rate_hz=100.0), ECOCClassifier())}, "for 100 Hz, .* have 500 Hz"),
-        ({"space": make_pipeline(HFMH(n_bins=0), ECOCClassifier())}, "n_bins"),
         ({"space": make_pipeline(HFMH(), ECOCClassifier(C=-1.0))}, "C"),
         ({"target_error": 1.0}, "target_error must lie between 0 and 1, got 1"),
         ({"coverage": 0.0}, "coverage must lie between 0 and 1, got 0"),
-        ({"coverage": "much"}, "coverage"),
         ({"share_known": 1.0}, "share_known must lie between 0 and 1, got 1"),
         ({"estimate": "no"}, "estimate"),
         ({"by": "speed"}, "speed"),
@@ -269,19 +267,17 @@ def test_model_too_large_for_its_file_names_ways_that_work():
 
 
 def test_bad_recordings_are_refused(plain, best, data):
-    for wrong, kind in ((data[0], TypeError), (data.X[:, :, :5], ValueError)):
-        with pytest.raises(kind, match=r"must"):
-            plain.predict(wrong)
+    with pytest.raises(TypeError, match=r"must"):
+        plain.predict(data[0])
+    for model, wrong, message in (
+        (plain, np.where(np.arange(480).reshape(80, 6) == 99, np.nan, data.X[:2]), "NaN"),
+        (best, np.stack([np.zeros((80, 6)), np.full((80, 6), 1e200)]), "recording 1"),  # too loud
+        (best, np.zeros((79, 6)), r"wrench must have shape \(80, 6\)"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            model.predict(wrong)
     with pytest.raises(ValueError, match=r"shape \(80, 6\) as in the training, got \(79, 6\)"):
         plain.identify(data.X[0, 1:])
-    broken = data.X[:2].copy()
-    broken[1, 3, 2] = np.nan
-    with pytest.raises(ValueError, match="NaN"):
-        plain.predict(broken)
-    with pytest.raises(ValueError, match="recording 1"):  # too loud
-        best.predict(np.stack([np.zeros((80, 6)), np.full((80, 6), 1e200)]))
-    with pytest.raises(ValueError, match=r"wrench must have shape \(80, 6\)"):
-        best.predict(np.zeros((79, 6)))
     with pytest.raises(TypeError, match=r"got a Dataset: pass them one by one, or call predict$"):
         plain.identify(data)
 
