@@ -59,6 +59,12 @@ def two_rates(folder):
     return saved(Dataset([*data[:15], *data[15:].resample(62.5)]), folder)
 
 
+def two_uneven_rates(folder):
+    slow = make(jitter=0.5)[3]
+    fast = [replace(r, time_s=r.time_s / 5, name=f"{r.name}5") for r in make(jitter=0.5)]
+    return saved(Dataset([*fast, slow]), folder)
+
+
 def log_with_pauses(folder):
     times = np.concatenate([start + np.arange(60) / 100 for start in (0.0, 9.0, 20.0)])
     logs = [Recording(RNG.normal(size=(180, 6)), time_s=times, label=label, name=label) for label in "ab"]
@@ -98,6 +104,7 @@ FOLDERS = {
     "stamps that are uneven, with gaps": with_gaps,
     "unequal lengths": unequal,
     "two rates": two_rates,
+    "two rates of stamps that are uneven": two_uneven_rates,
     "pauses": log_with_pauses,
     "labels nowhere": nameless,
     "a broken file": broken_file,
@@ -108,6 +115,20 @@ FOLDERS = {
     "an array of another name": npz_of_another_name,
 }
 """Each takes one command, or another one that its own refusal names."""
+
+
+def test_one_of_another_rate_is_named(tmp_path):
+    problem = refused("evaluate", two_uneven_rates(tmp_path / "in"), "--spaces", "raw")
+    assert "was sampled at about 100 Hz and others at" in problem
+
+
+def test_a_conversion_names_what_it_wrote(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = npz_of_another_name(tmp_path / "in")
+    path = path.rename(path.with_stem("long" * 20))
+    result = run("data", "convert", path, "b.npz", "--array", "wrench")
+    assert result.exit_code == 0
+    assert " data info b.npz --details" in result.stderr
 
 
 @pytest.mark.parametrize("kind", FOLDERS)
