@@ -545,6 +545,7 @@ def _axes_given(pandas: Any, head: _Head) -> list[str]:
         for name, meaning in zip(numbers, meanings, strict=True)
         if not _NO_AXIS.fullmatch(meaning.base) and (meaning.unit or "").lower() not in _NO_AXIS_UNITS
     ]
+    others = others or [name for name in numbers if meaning_of(name).base.lower() in ("x", "y", "z")]
     measured = [
         name for name in others if columns[name].dtype.kind not in "iu" or len(set(columns[name])) > 1
     ]

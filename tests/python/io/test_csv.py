@@ -335,6 +335,7 @@ def test_words_of_other_languages_are_all_six_axes(tmp_path, clock, words):
         ("a,b,c,d,e,f,pos_z,Temperature,z [mm],Versuch", "a,b,c,d,e,f"),
         ("ax,ay,az,wx,wy,wz,magx,magy,magz", "ax,ay,az,wx,wy,wz,magx,magy,magz"),
         ("a,b,c,d,e,f,g", None),
+        ("x,y,z", "x,y,z"),
     ],
 )
 def test_proposed_axes_are_no_ids_positions_and_temperatures(tmp_path, names, axes):
