@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
-from hypothesis.extra.numpy import arrays
 from scipy import special, stats
 
 from granular_id.statistics import (
@@ -16,9 +14,6 @@ from granular_id.statistics import (
 )
 
 DIFFERENCES = [0.031, -0.008, 0.015, 0.023, 0.008, 0.0, 0.038, -0.015, 0.023, 0.015]
-some_differences = arrays(
-    np.float64, st.integers(2, 25), elements=st.integers(-132, 132).map(lambda errors: errors / 132)
-)
 
 
 def test_corrected_t_of_the_papers_design_by_hand():
@@ -29,12 +24,6 @@ def test_corrected_t_of_the_papers_design_by_hand():
     # P(T > |t|) from the incomplete beta function instead of scipy.stats
     tail = 0.5 * special.betainc(4.5, 0.5, 9 / (9 + (mean / error) ** 2))
     assert p_value == pytest.approx(2 * tail, rel=1e-12)
-
-
-@given(some_differences)
-def test_corrected_t_is_the_same_when_methods_swap(differences):
-    forth, back = (corrected_resampled_t(sign * differences, 550, 132) for sign in (1, -1))
-    assert forth == pytest.approx(back, nan_ok=True)
 
 
 def answers(shares, n=10, n_classes=1):
@@ -108,14 +97,6 @@ def test_holm_against_a_loop():
             running = max(running, min(1.0, (m - rank) * p[i]))
             want[i] = running
         assert holm(p) == pytest.approx(want)
-
-
-@given(arrays(np.float64, st.integers(0, 12), elements=st.floats(0, 1)))
-def test_holm_only_raises_and_keeps_the_order(p):
-    adjusted = holm(p)
-    assert (adjusted >= p).all()
-    assert (adjusted <= np.minimum(1.0, max(1, len(p)) * p + 1e-15)).all()
-    assert (np.diff(adjusted[np.argsort(p, kind="stable")]) >= 0).all()
 
 
 def test_holm_leaves_out_what_was_not_tested():

@@ -117,37 +117,30 @@ def test_eight_threads_push_into_one_buffer():
     assert np.bincount(values.astype(int)).tolist() == [n_rows] * 8
 
 
-class Ticker:
-    """Counts whenever it may run. While it waits to run, it never takes the interpreter lock by force."""
+@pytest.fixture
+def ticks_during():
+    """How often a thread runs while a function does; it never takes the interpreter lock by force."""
+    ticks, stop = [], threading.Event()
 
-    def __init__(self):
-        self.ticks = 0
-        self.stop = threading.Event()
-        self.thread = threading.Thread(target=self.run)
-
-    def run(self):
-        while not self.stop.is_set():
-            self.ticks += 1
+    def run():
+        while not stop.is_set():
+            ticks.append(None)
             time.sleep(0)
 
-    def __enter__(self):
-        self.interval = sys.getswitchinterval()
-        sys.setswitchinterval(1000)
-        self.thread.start()
-        while self.ticks == 0:
-            time.sleep(0)
-        return self
-
-    def __exit__(self, *exc):
-        self.stop.set()
-        self.thread.join()
-        sys.setswitchinterval(self.interval)
-
-    def during(self, function):
-        """How often it ran while `function` did."""
-        before = self.ticks
+    def during(function):
+        before = len(ticks)
         function()
-        return self.ticks - before
+        return len(ticks) - before
+
+    interval, thread = sys.getswitchinterval(), threading.Thread(target=run)
+    sys.setswitchinterval(1000)
+    thread.start()
+    while not ticks:
+        time.sleep(0)
+    yield during
+    stop.set()
+    thread.join()
+    sys.setswitchinterval(interval)
 
 
 @pytest.mark.thread_unsafe(reason="sets the switch interval of the interpreter")
@@ -155,17 +148,16 @@ class Ticker:
 @pytest.mark.parametrize(
     ("shape", "threads"), [((200, 400, 6), 1), ((200, 400, 6), 2), ((80_000, 6), None)], ids=str
 )
-def test_the_interpreter_lock_is_released_during_long_work(shape, threads):
+def test_the_interpreter_lock_is_released_during_long_work(shape, threads, ticks_during):
     wrench = np.random.default_rng(36).standard_normal(shape)
     wanted = extract_features(wrench)
     out = np.empty_like(wanted)
-    with Ticker() as ticker:
-        # What holds the lock keeps the ticker from running: else a tick would prove nothing.
-        assert ticker.during(lambda: [n * n for n in range(200_000)]) == 0
-        # A busy machine may not run the ticker while the lock is free: then once more.
-        extract = partial(extract_features, wrench, threads=threads, out=out)
-        assert any(ticker.during(extract) for _ in range(500))
-        assert twin.differing_bits(out, wanted) == 0
-        wrench[-1, -1] = np.inf
-        with pytest.raises(ValueError, match="must be finite, got inf"):
-            extract()
+    # What holds the lock keeps the ticker from running: else a tick would prove nothing.
+    assert ticks_during(lambda: [n * n for n in range(200_000)]) == 0
+    # A busy machine may not run the ticker while the lock is free: then once more.
+    extract = partial(extract_features, wrench, threads=threads, out=out)
+    assert any(ticks_during(extract) for _ in range(500))
+    assert twin.differing_bits(out, wanted) == 0
+    wrench[-1, -1] = np.inf
+    with pytest.raises(ValueError, match="must be finite, got inf"):
+        extract()

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from granular_id._text import short
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
 from granular_id.identifier import Timeline
@@ -24,7 +21,7 @@ from granular_id.plotting import (
 from granular_id.recording import Recording
 from granular_id.spaces import DFT, HFMH, MultiBand, RangeNormalizer, RawHFMH
 from multiband_cases import ALL, two_materials
-from report_cases import HOSTILE, result_of
+from report_cases import result_of
 
 
 @pytest.fixture(scope="module")
@@ -55,14 +52,6 @@ def test_accuracy_has_a_row_a_space_and_a_baseline(result):
     gaps, intervals = (lines.get_segments() for lines in panel.collections)
     assert gaps[0][:, 0] == pytest.approx((held[0], at_random[0]))
     assert intervals[0][:, 0] == pytest.approx(result.interval("raw"), nan_ok=True)
-
-
-def test_the_papers_accuracies_are_marked_for_its_materials(monkeypatch, result):
-    strokes = (0.7614, 0.8705)
-    for shown in (True, False):
-        monkeypatch.setattr("granular_id.plotting.evaluation.shows_paper", lambda _, shown=shown: shown)
-        lines = [tuple(line.get_xdata()) for line in plot_accuracy(result).axes[0].lines]
-        assert (strokes in lines) is shown
 
 
 def test_recall_has_a_row_a_class(result):
@@ -107,25 +96,6 @@ def test_histograms_of_a_unit_share_colours_and_bins(result):
         assert (high - low) / shown.shape[2] == pytest.approx(3.0 / 100)
         ((_, top),) = {panel.images[0].get_clim() for panel in panels}
         assert top == shown.max()
-
-
-def test_histograms_of_other_bins_share_nothing(result):
-    seen = result.report_data
-    ranges = seen.hfmh.bin_range.copy()
-    ranges[2] *= 2
-    panel = plot_hfmh(replace(seen, hfmh=replace(seen.hfmh, bin_range=ranges)), "fz").axes[0]
-    alone = seen.hfmh.counts[:, 2]
-    assert panel.images[0].get_clim()[1] == alone.max()
-    used, edges = np.flatnonzero(alone.any(axis=0)), np.linspace(*ranges[2], 101)
-    assert panel.get_xlim() == pytest.approx((edges[used[0]], edges[used[-1] + 1]))
-
-
-@pytest.mark.filterwarnings("ignore:Glyph .* missing from")  # a label in Chinese: true of files
-@pytest.mark.parametrize("plot", [plot_recall, plot_confusion])
-def test_names_that_look_like_mathematics_are_names(plot):
-    figure = plot(result_of("hostile names"))
-    figure.draw_without_rendering()
-    assert short(HOSTILE["peas"]) in row_names(figure.axes[0])
 
 
 # -- explanations

@@ -250,21 +250,6 @@ def test_permutation_without_seed_draws_one_in_each_fit():
     assert not np.array_equal(shuffle.fit(X).transform(X), first)
 
 
-def test_permutation_takes_the_course_in_time_away():
-    X = recordings() + 5 * np.sin(np.linspace(0, 9, 300))[:, None]
-
-    def products(*steps):
-        rows = make_pipeline(*steps, RawSignal()).fit_transform(X)
-        return rows @ rows.T
-
-    gram, permuted = products(), products(TimePermutation())
-    np.testing.assert_allclose(np.diag(permuted), np.diag(gram), rtol=1e-12)
-    assert (permuted < 0.5 * gram)[~np.eye(5, dtype=bool)].all()
-    shuffled = TimePermutation().fit_transform(X)
-    np.testing.assert_array_equal(RawHistogram().fit(X).transform(shuffled), RawHistogram().fit_transform(X))
-    assert not np.array_equal(HFMH().fit(X).transform(shuffled), HFMH().fit_transform(X))
-
-
 # --- One recording
 
 

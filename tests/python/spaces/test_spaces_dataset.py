@@ -67,13 +67,6 @@ def test_features_are_named_after_the_known_axes(name):
     assert space.fit(FAST).get_feature_names_out().tolist() == expected
 
 
-def test_axes_in_another_order_keep_their_names():
-    turned = WRENCH.select(axes=["tz", "fx", "fy", "fz", "tx", "ty"])
-    union = FeatureUnion([("raw", RawSignal()), ("hfmh", HFMH(n_bins=2))]).fit(turned)
-    names = union.get_feature_names_out()[[0, 300, -2]].tolist()
-    assert names == ["raw__tz_0000", "raw__fx_0000", "hfmh__hfmh_ty_00"]
-
-
 @pytest.mark.parametrize(
     ("data", "unit", "units"),
     [
