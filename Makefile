@@ -184,7 +184,7 @@ nightly-campaign: .venv/.tools
 	GRANULAR_ID_CASES=200 $(BIN)/python -m pytest tests/python/archive/test_exactly_once.py
 	GRANULAR_ID_CASES=500 $(BIN)/python -m pytest tests/python/confidence/test_confidence_simulations.py -s
 	GRANULAR_ID_CASES=20000 cargo test --test core buffer_model
-	GRANULAR_ID_CASES=5000 $(BIN)/python -m pytest tests/python/core/test_stream.py tests/python/core/test_stream_identifier.py
+	GRANULAR_ID_CASES=5000 $(BIN)/python -m pytest tests/python/core/test_stream.py
 
 # cargo-fuzz wants a nightly compiler; the stable one takes the same flags with RUSTC_BOOTSTRAP.
 ##   fuzz          model files, sensor packets and calls from C, by cargo-fuzz (FUZZ_RUNS=200000 of each)

@@ -90,7 +90,7 @@ RAGGED = [WRENCH, WRENCH[:30], WRENCH]
     ids=["arrays", "lists", "objects"],
 )
 @pytest.mark.parametrize("takes", [gid.MultiBand().fit, gid.Tare().fit, gid.extract_features])
-def test_recordings_of_several_lengths_are_told_what_to_do(takes, given):
+def test_recordings_of_several_lengths_are_refused_with_a_way(takes, given):
     with pytest.raises(
         ValueError, match=r"one shape, got \(30.*\) and \(40.*align\(.* and Dataset\.windows\("
     ):

@@ -1,12 +1,15 @@
-"""The package as a whole: what it exports, and what importing it costs."""
+"""The package as a whole: what it exports, what importing it costs, what it offers where an extra is missing."""
 
+import re
+import shlex
 import subprocess
 import sys
-from importlib.metadata import requires
+from importlib.metadata import PackageNotFoundError, requires
 
 import pytest
 
 import granular_id
+from granular_id._text import install
 
 
 def test_everything_exported_exists():
@@ -37,3 +40,20 @@ def test_a_plain_install_needs_numpy_and_scikit_learn_only():
 def test_axes_and_units_are_those_of_the_core():
     assert granular_id.AXES == ("fx", "fy", "fz", "tx", "ty", "tz")
     assert granular_id.UNITS == ("N", "N", "N", "N m", "N m", "N m")
+
+
+@pytest.mark.parametrize(("extra", "library"), [("app", "matplotlib"), ("hdf5", "h5py"), ("ros", "rosbags")])
+def test_install_names_the_libraries_of_an_extra(extra, library):
+    words = shlex.split(install(extra))
+    assert words[:2] == ["pip", "install"]
+    names = [re.split("[<>=~! ]", word)[0] for word in words[2:]]
+    assert library in names
+    assert not any(name.startswith("granular") for name in names)
+
+
+def test_a_copy_that_nobody_installed_names_the_extra(monkeypatch):
+    def nothing(_):
+        raise PackageNotFoundError
+
+    monkeypatch.setattr("importlib.metadata.requires", nothing)
+    assert install("app") == "see the extra 'app' in pyproject.toml"

@@ -83,7 +83,7 @@ def test_no_difference_at_all_is_none(differences):
 
 
 @pytest.mark.parametrize("differences", [[0.1], [0.1] * 20, [0.9 - 0.8, 0.7 - 0.6, 0.4 - 0.3]])
-def test_what_has_no_spread_tells_no_uncertainty(differences):
+def test_differences_without_spread_have_no_p_value(differences):
     assert math.isnan(corrected_resampled_t(differences, 550, 132))
 
 

@@ -18,6 +18,7 @@ from granular_id._text import fixed, known_label, percent, points, whole_percent
         (points(0.0375), "3.8"),
         (points(-1e-12), "0.0"),
         # neither the last error of a class nor its only hit is hidden
+        (whole_percent(0.0), "0"),
         (whole_percent(0.2), "<1"),
         (whole_percent(99.7), ">99"),
         (whole_percent(100.0), "100"),
