@@ -134,9 +134,7 @@ def test_empty_sets_name_the_best_and_ties_share_a_set():
     assert RULE.names([1.0, 1.0, 0.0]) == ("oat", "rice")
 
 
-@pytest.mark.parametrize(
-    "change", [{"format": "2"}, {"threshold": math.inf}, {"classes": [1, 2, 3]}, {"more": 1}]
-)
+@pytest.mark.parametrize("change", [{"format": ""}, {"threshold": math.inf}, {"classes": [1]}, {"more": 1}])
 def test_damaged_rule_is_refused(change):
     (name,) = change
     with pytest.raises((ValueError, TypeError), match=name):

@@ -43,10 +43,10 @@ def close_to(values):
     return 3 * np.std(values) / np.sqrt(len(values))
 
 
-@pytest.mark.parametrize(
-    ("n_sessions", "correlation"),
-    kinds([(3, 0.0), (4, 0.5), (10, 0.25)], long=list(product((3, 4, 6, 10), (0.0, 0.25, 0.5)))),
-)
+USUAL, ALL = [(3, 0.0), (4, 0.5), (10, 0.25)], list(product((3, 4, 6, 10), (0.0, 0.25, 0.5)))
+
+
+@pytest.mark.parametrize(("n_sessions", "correlation"), kinds(USUAL, long=ALL))
 def test_candidates_hold_the_material_in_new_sessions(n_sessions, correlation):
     rng, shares, sizes = np.random.default_rng(2), [], []
     for _ in range(cases(12)):

@@ -144,10 +144,10 @@ def test_promise_says_where_rows_are_too_few():
     assert GOOD.promise.endswith(", within the sessions of the training only")
 
 
-@pytest.mark.parametrize(
-    "change",
-    [{"format": ""}, {"threshold": "3"}, {"n_calibration": True}, {"weights": [0.0, None]}, {"more": 1}],
-)
+DAMAGED = [{"format": ""}, {"threshold": "3"}, {"n_calibration": True}, {"weights": [0.0, None]}, {"more": 1}]
+
+
+@pytest.mark.parametrize("change", DAMAGED)
 def test_damaged_rule_is_refused(change):
     with pytest.raises((ValueError, TypeError), match=next(iter(change))):
         UnknownRule.from_dict({**GOOD.to_dict(), **change})

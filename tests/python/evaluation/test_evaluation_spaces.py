@@ -127,9 +127,8 @@ def test_choices_on_training_sessions_are_written_and_shown(tmp_path):
         assert row[1] == f"{sum(k in one.chosen for one in of_each)} of 3"
     assert str(table) in result.details()
     # a fold without sessions to hold out tries fewer candidates
-    few = BestClassifier(blocks={"own": 9, "level": 1}, optional_blocks=["level"]).fit(
-        data.X[:, :10, 0], data.y
-    )
+    few = BestClassifier(blocks={"own": 9, "level": 1}, optional_blocks=["level"])
+    few.fit(data.X[:, :10, 0], data.y)
     mixed = replace(result, chosen={"best": (few.choice_, *of_each[:2])})
     assert [row[0] for row in choice_tables(mixed)[0].rows] == [row[0] for row in table.rows]
 

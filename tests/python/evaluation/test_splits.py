@@ -353,10 +353,8 @@ def drives(sessions, n=1200, each=1):
     rng = np.random.default_rng(0)
     return Dataset(
         [
-            Recording(
-                rng.normal(size=(n, 6)), 100.0, label=label, name=f"{label}{k}", session=f"{label}{k // each}"
-            )
-            for label, n_sessions in sessions.items()
+            Recording(rng.normal(size=(n, 6)), 100.0, label=m, name=f"{m}{k}", session=f"{m}{k // each}")
+            for m, n_sessions in sessions.items()
             for k in range(n_sessions)
         ]
     )

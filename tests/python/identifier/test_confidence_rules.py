@@ -206,13 +206,8 @@ def test_novelty_parts_that_do_not_fit_are_refused(identifier):
         core.apply_rules(np.zeros((1, core.n_learners)))
 
 
-CHOICE = {
-    "note": "",
-    "random_state": 4,
-    "chosen": [],
-    "accuracy_on_the_folds_that_chose": None,
-    "in_folds": [],
-}
+CHOICE = {"note": "", "random_state": 4, "chosen": [], "in_folds": []}
+CHOICE["accuracy_on_the_folds_that_chose"] = None
 
 
 @pytest.mark.parametrize(

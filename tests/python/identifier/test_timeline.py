@@ -60,7 +60,7 @@ def made(labels, unknown=None, **fields):
         "losses": losses,
         "probabilities": None,
         "candidates": ((),) * n,
-        "unknown": None if unknown is None else np.array(unknown),
+        "unknown": None if unknown is None else np.array(unknown, dtype=bool),
         "flagged": np.zeros(n, bool),
         "trained_on": None,
         "window_s": 2.0,
@@ -74,11 +74,7 @@ SENTENCES = [
     (["rice"], None, "0.0 to 2.0 s rice"),
     (["rice", "rice", "oat"], None, "0.0 to 3.0 s rice, then 3.0 to 4.0 s oat"),
     # those like nothing known are one stretch, whatever each is nearest to
-    (
-        ["rice", "oat", "salt"],
-        [False, True, True],
-        "0.0 to 2.0 s rice, then 2.0 to 4.0 s unknown, nearest oat",
-    ),
+    (["rice", "oat", "salt"], [0, 1, 1], "0.0 to 2.0 s rice, then 2.0 to 4.0 s unknown, nearest oat"),
     (["oat", "oat"], [True, False], "0.0 to 2.0 s unknown, nearest oat, then 2.0 to 3.0 s oat"),
 ]
 
@@ -116,9 +112,8 @@ def test_the_table_says_what_the_answers_are_worth():
         assert words in notes
     every = replace(answers, trained_on=np.array([True] * 3)).table().notes
     assert any("trained on 3 of these 3 windows: answers" in note for note in every)
-    assert any(
-        "foam, which the model does not know" in note for note in made(["oat"], truth="foam").table().notes
-    )
+    foam = made(["oat"], truth="foam").table().notes
+    assert any("foam, which the model does not know" in note for note in foam)
     assert any(note.endswith("unknown 100 %") for note in made(["oat"], [True]).table().notes)
 
 

@@ -45,11 +45,10 @@ def played(*recordings):
 
 
 def fitted(axes):
-    windows = [
-        recording(noise(k, axes, 0.5, 100 * k + i), axes, label=GROUNDS[k], session=str(i % 3))
-        for k in range(3)
-        for i in range(24)
+    about = [
+        (k, 100 * k + i, {"label": GROUNDS[k], "session": str(i % 3)}) for k in range(3) for i in range(24)
     ]
+    windows = [recording(noise(k, axes, 0.5, seed), axes, **fields) for k, seed, fields in about]
     space = make_pipeline(HFMH(cutoff_hz=10), ECOCClassifier())
     return Identifier.fit(Dataset(windows), space, target_error=None)
 

@@ -229,9 +229,9 @@ def test_rdt_others_cannot_send_into_the_stream():
         taken(buffer, 10)
         # the box's client is the socket of ours: its port is open to the box alone
         port = box._client[1]
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             for _ in range(50):
-                stranger.sendto(bytes(36), ("127.0.0.1", port))
+                other.sendto(bytes(36), ("127.0.0.1", port))
         taken(buffer, 60)
     counters = source.health().counters
     assert counters["datagrams"] == counters["rows"]

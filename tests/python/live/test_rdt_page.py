@@ -63,10 +63,7 @@ def test_page_missing_or_bad_field_is_refused(field):
         (page_text({"cfgcpf": "1e12"}), "field cfgcpf is '1e12'; wanted 1 to 1e[+]09 counts per newton"),
         (page_text({"scfgfu": "klbf", "cfgcpf": "4000"}), "counts per newton, got 0.899"),
         (page_text({"scfgtu": "Nmm", "cfgcpt": "1e10"}), "counts per newton metre, got 1e[+]13"),
-        (
-            page_text({}).replace(b"</netft>", b"<cfgcpf>9</cfgcpf></netft>"),
-            "is '1000000' and '9'; wanted one",
-        ),
+        (page_text({}).replace(b"</netft>", b"<cfgcpf>9</cfgcpf></netft>"), "is '1000000' and '9'"),
         (b"", "is no XML"),
         (b"no page at all", "is no XML"),
         (b'<?xml version="1.0" encoding="no-such"?><a/>', "is no XML"),

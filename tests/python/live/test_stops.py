@@ -430,7 +430,7 @@ def test_a_signal_before_the_command_leaves_the_arm_at_rest(w, when):
 
 
 def test_a_refusal_is_known_before_the_watch_ends(w, monkeypatch):
-    """Another thread may look at the arm before that of the driver has said why nothing moves."""
+    """Another thread may look at the arm before that of the driver knows why nothing moves."""
     stop = supervisor.Watch.stop
 
     def late(watch, *fault):

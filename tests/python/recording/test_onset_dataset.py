@@ -1,4 +1,4 @@
-"""Triggers of a whole data set: found, kept, overruled, reported, and used to align."""
+"""Triggers of a whole data set: found, left, overruled, reported, and used to align."""
 
 from dataclasses import replace
 

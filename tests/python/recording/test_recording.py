@@ -7,15 +7,8 @@ import re
 import numpy as np
 import pytest
 
-from granular_id.recording import (
-    Dataset,
-    Recording,
-    SampleFlag,
-    axes_in_words,
-    common_units,
-    same_unit,
-    unit_of,
-)
+from granular_id import recording as recordings
+from granular_id.recording import Dataset, Recording, SampleFlag, common_units, same_unit, unit_of
 
 WRENCH = np.arange(24.0).reshape(4, 6)
 
@@ -64,7 +57,7 @@ def test_a_unit_is_stated_or_that_of_a_wrench_or_not_known(axis, units, unit):
 def test_axes_in_words_units_that_are_known_follow():
     meta = {"units": {"wx": "rad/s", "wy": "rad/s"}}
     named = Recording(WRENCH[:, :3], rate_hz=1, axes=["wx", "wy", "ax"], meta=meta)
-    assert axes_in_words(named) == "wx wy (rad/s), ax"
+    assert recordings.axes_in_words(named) == "wx wy (rad/s), ax"
 
 
 def test_irregular_recording_keeps_its_stamps():

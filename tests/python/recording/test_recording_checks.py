@@ -29,9 +29,7 @@ SMALL = [
 ]
 
 DAYS = [{"seed": i, "start_time": 43200.0 * i} for i in range(4)]
-UNKNOWN_DAYS = [
-    recording(session=None, name="a[0]", meta={"day": i // 2}, **day) for i, day in enumerate(DAYS)
-]
+UNKNOWN_DAYS = [recording(session=None, name="a[0]", meta={"day": i // 2}, **DAYS[i]) for i in range(4)]
 TWO_FILES = [recording(session=None, name=f"{'ab'[i // 2]}[{i}]") for i in range(4)]
 OWN_SESSIONS = [recording(session=f"s{i}", **day) for i, day in enumerate(DAYS)]
 
@@ -54,17 +52,13 @@ def test_a_sound_set_is_only_said_to_be_small():
     ("recordings", "code", "words"),
     [
         (SMALL[:4], "one-label", "all recordings are 'rice': nothing to tell apart"),
-        (
-            [recording(session=None), recording(label="peas", session=None)],
-            "no-session",
-            "column:NAME, folder",
-        ),
+        ([recording(session=None), recording(label="peas", session=None)], "no-session", "column:NAME"),
         (UNKNOWN_DAYS, "no-session", "(data convert --session meta:day or evaluate --hold-out day)"),
         (TWO_FILES, "no-session", "(data convert --session file)"),
         (
             [*SMALL, recording(11, name="cut")],
             "short",
-            "far shorter than the usual 0.19 s, the shortest is 'cut'",
+            "shorter than the usual 0.19 s, the shortest is 'cut'",
         ),
         ([recording(session="x"), recording(session="x", seed=1)], "one-session", "none can be held out"),
         (OWN_SESSIONS, "own-sessions", "(evaluate --hold-out day)"),
@@ -131,15 +125,8 @@ def test_it_is_plain_values_and_can_be_pickled(report):
 def test_summary_counts():
     irregular = recording(3, rate_hz=None, time_s=[0, 0.1, 0.5], flags=[0, 1, 3], label=None, session=None)
     summary = Dataset([*SMALL, recording(30, session="s3"), irregular]).summary()
-    assert summary.totals == {
-        "recordings": 10,
-        "labels": 2,
-        "sessions": 3,
-        "irregular": 1,
-        "rates_hz": [100.0],
-        "samples": 8 * 20 + 30 + 3,
-        "flags": {"GAP_FILLED": 2, "SATURATED": 1},
-    }
+    counts = {"recordings": 10, "labels": 2, "sessions": 3, "irregular": 1, "samples": 8 * 20 + 30 + 3}
+    assert summary.totals == counts | {"rates_hz": [100.0], "flags": {"GAP_FILLED": 2, "SATURATED": 1}}
     peas, rice, unknown = summary.rows
     assert (peas["label"], peas["recordings"], peas["sessions"], peas["samples"]) == ("peas", 4, 2, "20")
     assert (rice["label"], rice["samples"], rice["seconds"]) == ("rice", "20 to 30", "0.19 to 0.29")

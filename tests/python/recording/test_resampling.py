@@ -76,18 +76,10 @@ def test_the_report_names_the_recordings_and_the_widest_gap():
     assert out.names == ("jittered", "ready", "holed")
     assert out[1] is ready
     assert [row["name"] for row in out.history[-1].rows] == ["holed", "jittered"]
-    assert dict(out.history[-1].totals) == {
-        "recordings_resampled": 2,
-        "recordings_unchanged": 1,
-        "recordings_skipped": 0,
-        "recordings_low_passed": 0,
-        "samples_before": 9,
-        "samples_after": 3 + 35,
-        "gap_filled_samples": 29,
-        "recordings_with_filled_gaps": 1,
-        "largest_gap_s": pytest.approx(0.3),
-        "largest_gap_in": "holed",
-    }
+    totals = dict(out.history[-1].totals)
+    assert totals.pop("largest_gap_s") == pytest.approx(0.3)
+    # resampled, unchanged, skipped and low-passed; samples before, after and filled; recordings with filled gaps
+    assert list(totals.values()) == [2, 1, 0, 0, 9, 3 + 35, 29, 1, "holed"]
 
 
 def test_a_gap_beyond_the_limit_is_refused_or_left_out_when_told():
@@ -151,7 +143,7 @@ def test_no_tone_is_left_of_jittered_stamps(jitter, rate_hz):
 
 @pytest.mark.parametrize(("rate_in", "rate_out", "up", "down"), [(500, 100, 1, 5), (500, 200, 2, 5)])
 def test_uniform_rows_are_filtered_as_by_hand(rate_in, rate_out, up, down):
-    """Zeros between the samples, a symmetric window over a line beyond the ends, every `down`-th kept."""
+    """Zeros between the samples, a symmetric window over a line beyond the ends, each `down`-th taken."""
     wrench = np.random.default_rng(3).normal(size=(400, 6)) + 5
     window = firwin(24 * down + 1, 0.925 / down, window=("kaiser", 4.5))
     for phase in range(up):
@@ -240,11 +232,10 @@ def test_refuses(how, error, message):
 # Rates of stamps.
 
 
-@given(
-    rate=st.sampled_from([62.5, 99.7, 100, 333.3, 500, 1000, 1 / 3, 7000]),
-    n=st.integers(2, 5000),
-    start=st.sampled_from([0.0, 12.5, 1.58e9]),
-)
+ROUND = st.sampled_from([62.5, 99.7, 100, 333.3, 500, 1000, 1 / 3, 7000])
+
+
+@given(rate=ROUND, n=st.integers(2, 5000), start=st.sampled_from([0.0, 12.5, 1.58e9]))
 def test_uniform_stamps_give_back_their_rate(rate, n, start):
     stamps = start + np.arange(n) / rate
     found = uniform_rate(stamps - stamps[0], resolution_s=np.spacing(stamps[-1]))

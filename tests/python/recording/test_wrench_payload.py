@@ -71,7 +71,7 @@ def test_metadata_state_gravity_frame_and_sign(rests, payload):
     np.testing.assert_allclose(figures(Payload.fit(rests, from_orientations)), figures(payload), rtol=1e-9)
 
 
-# What cannot be told.
+# What cannot be known.
 
 
 @pytest.mark.parametrize(
