@@ -94,10 +94,8 @@ BAD: dict[str, tuple[bytes, str]] = {
     # no safetensors file
     "empty": (b"", "the file is empty"),
     "pickle": (pickle.dumps(Trap()), "a pickle, which may run code"),
-    "zip": (b"PK\x03\x04" + bytes(100), "a zip archive"),
     "hdf5": (b"\x89HDF\r\n\x1a\n" + bytes(100), "an HDF5 file"),
     "csv": (b"time,fx,fy,fz\n0,1,2,3\n", "no safetensors file"),
-    "first 9 bytes": (GOOD[:9], "cut off"),
     "one byte more": (GOOD + b"\0", "do not fill the file"),
     "header length 2^64 - 1": (framed(GOOD[8:], length=(1 << 64) - 1), "cut off"),
     "header over 1 MiB": (framed(b"{" + b" " * (1 << 20) + b"}"), "at most 1048576 are allowed"),
@@ -117,7 +115,6 @@ BAD: dict[str, tuple[bytes, str]] = {
         "metadata: is no such JSON: invalid type: integer `5`, expected a string",
     ),
     "entry twice": (twice('"loss": "hinge"', '"loss": "hinge", "loss": "root"'), "'loss' is there twice"),
-    "tensor key twice": (twice('"dtype"', '"dtype": "F64", "dtype"'), "duplicate field `dtype`"),
     "labels alike": (
         with_metadata(classes='["rice", "salt", "rice"]'),
         "classes[0] and classes[2] are both 'rice'",
@@ -139,7 +136,6 @@ BAD: dict[str, tuple[bytes, str]] = {
     "all at the same place": (entry(*TENSORS, data_offsets=[0, 24]), "do not fill the file"),
     "reversed offsets": (entry("coef", data_offsets=[100, 50]), "do not fill the file"),
     "shape over 2^64": (entry("coef", shape=[1 << 33, 1 << 33]), "do not fill the file"),
-    "shape of half a number": (entry("intercept", shape=[2.5]), "invalid type: floating point"),
     "float32": (with_tensors(coef=COEF.astype("f4")), "tensor 'coef' must be float64 (F64), got 'F32'"),
     "without coef": (with_tensors(coef=None), "tensor 'coef' is missing"),
     "unknown tensor": (with_tensors(**{"../x\n": np.zeros(3)}), r"tensor '../x\n' is unknown"),

@@ -4,7 +4,6 @@ The cases of a test share a process of their own, which names each, and must liv
 """
 
 import os
-import subprocess
 import sys
 
 import pytest
@@ -188,13 +187,3 @@ def test_sizes_for_which_there_is_no_memory():
 
 def test_sizes_that_no_machine_has():
     lives_on("", ABSURD, {name: {"call": call} for name, call in WITHOUT_LIMIT.items()})
-
-
-@pytest.mark.parametrize("unit", ["AVX2", "sse9"])
-def test_a_vector_unit_that_is_none_is_refused_by_name(unit):
-    environment = os.environ | {"GRANULAR_ID_SIMD": unit}
-    command = [sys.executable, "-c", "import granular_id._core"]
-    child = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
-    assert child.returncode == 1
-    last = child.stderr.strip().splitlines()[-1]
-    assert all(word in last for word in ("GranularIdError", "GRANULAR_ID_SIMD", unit, "baseline"))

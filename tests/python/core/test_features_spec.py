@@ -111,13 +111,6 @@ def test_nothing_can_be_changed(name):
     assert spec == FeatureSpec()
 
 
-def test_the_range_given_is_copied():
-    ranges = np.array([[-1.0, 1.0], [0.0, 2.0]])
-    spec = FeatureSpec(bin_range=ranges)
-    ranges[:] = 5
-    assert spec.bin_range == ((-1.0, 1.0), (0.0, 2.0))
-
-
 BAD = [
     ({"rate_hz": 0}, ValueError, "rate_hz must be positive and finite, got 0"),
     ({"rate_hz": np.inf}, ValueError, "rate_hz must be positive and finite, got inf"),

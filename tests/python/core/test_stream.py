@@ -127,14 +127,6 @@ def test_next_without_a_complete_window_and_a_hop_is_refused():
             StreamingExtractor(FeatureSpec(), n_samples=40, hop=hop).next()
 
 
-def test_it_says_what_it_is():
-    spec = FeatureSpec(n_bins=10)
-    stream = StreamingExtractor(spec, n_samples=40, n_axes=3, hop=5)
-    assert (stream.spec, stream.n_samples, stream.n_axes, stream.hop) == (spec, 40, 3, 5)
-    assert stream.n_features == 150
-    assert repr(stream) == f"StreamingExtractor({spec!r}, n_samples=40, n_axes=3, hop=5)"
-
-
 def stream_of(core, **options):
     return StreamingIdentifier(Identifier(core), **options)
 

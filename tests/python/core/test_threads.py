@@ -32,15 +32,6 @@ def test_different_batches_at_once(threads):
     assert at_once(jobs) == [0] * N_THREADS
 
 
-def test_rows_of_one_output_written_by_many():
-    wrench = np.random.default_rng(33).standard_normal((N_THREADS, 500, 6))
-    wanted = twin.features(wrench)
-    table = np.empty_like(wanted)
-    rows = [slice(n, n + 1) for n in range(N_THREADS)]
-    at_once([partial(extract_features, wrench[row], out=table[row]) for row in rows])
-    assert twin.differing_bits(table, wanted) == 0
-
-
 def test_output_written_by_two_threads_is_refused_or_whole():
     wrench = np.random.default_rng(34).standard_normal((200, 400, 6))
     wanted = extract_features(wrench)

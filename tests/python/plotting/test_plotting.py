@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from granular_id.plotting import plot_mean_forces, plot_onsets, plot_recordings
-from granular_id.plotting.recordings import evenly
-from granular_id.plotting.style import log_ticks
 from granular_id.recording import Dataset, Recording
 from granular_id.synthetic import synthesize
 from onset_cases import RATE_HZ, noise, push
@@ -165,9 +163,3 @@ def test_plotting_is_imported_late_and_without_pyplot():
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
-
-
-def test_places_and_ticks_are_even():
-    assert [evenly(9, 3).tolist(), evenly(2, 5).tolist(), evenly(0, 5).tolist()] == [[0, 4, 8], [0, 1], []]
-    assert log_ticks(0.4, 30)[1] == ["0.5", "1", "2", "5", "10", "20"]
-    assert log_ticks(0.04, 300)[1] == ["0.1", "1", "10", "100"]

@@ -106,15 +106,6 @@ def test_without_nuisance_only_grains_and_noise_differ():
     assert np.abs(rest.mean(axis=1)).max() < 0.05
 
 
-def test_calibration_belongs_to_the_session():
-    data = synthesize(["rice", "macaroni"], n_per_class=6, sessions=2, seed=0)
-    for session in ("session 1", "session 2"):
-        inside = [r.meta["conditions"] for r in data if r.session == session]
-        assert len({c["gain_log"] for c in inside}) == 1
-        assert len({c["packing_percent"] for c in inside}) == len(inside)
-    assert len({r.meta["gain"] for r in data}) == 2
-
-
 def test_mounting_and_sensor_errors_act_as_stated():
     def push(**state):
         return simulate_push(BY_NAME["dry peas"], conditions=Conditions(**state))
@@ -295,12 +286,10 @@ def test_the_rest_before_the_motion_gives_nothing_away(thirty_each):
     ("arguments", "message"),
     [
         ({"materials": ["sand", "rice", "mud"]}, "has no material 'sand' or 'mud'; known: dry peas, .*cat litter"),
-        ({"materials": []}, "at least one material"),
         ({"materials": ["rice", BY_NAME["rice"]]}, "'rice' twice"),
         ({"sensor": "gyro"}, "sensor must be a Sensor or 'imu', got 'gyro'"),
         ({"n_per_class": 0}, "n_per_class must be at least 1, got 0"),
         ({"n_per_class": 3, "sessions": 4}, "sessions must not exceed n_per_class = 3, got 4"),
-        ({"rate_hz": float("nan")}, "rate_hz must be finite"),
         ({"duration_s": 0.2}, r"duration_s must exceed the 0.25 s of rest .* got 0.2"),
         ({"duration_s": 10}, r"duration_s = 10 moves the tool up to 0.29\d m, and the wall"),
         ({"seed": -1}, "seed must be at least 0, got -1"),
@@ -317,10 +306,7 @@ def test_synthesize_of_bad_arguments_raises(arguments, message):
     [
         (LENTILS, {"name": " "}, "name must be a non-empty string"),
         (LENTILS, {"grain_diameter_m": 4.5}, "of material 'lentils' must be at most 0.1, got 4.5"),
-        (LENTILS, {"aspect_ratio": 0.5}, "aspect_ratio of material 'lentils' must be at least 1"),
         (LENTILS, {"bulk_density_kg_m3": 0}, "needs bulk_density_kg_m3 or cohesion_pa"),
-        (LENTILS, {"sharpness": 0}, "sharpness of material 'lentils' must be positive"),
-        (Rig(), {"speed_m_s": 0}, "speed_m_s must be positive"),
         (Rig(), {"depth_m": 0.09}, "depth_m must not exceed tool_length_m = 0.08"),
         (Sensor(), {"noise_rms": (0.1,) * 5}, "noise_rms must hold 6 finite numbers"),
         (Sensor(), {"bits": 0}, "bits must be a whole number from 2 to 32"),
@@ -336,7 +322,6 @@ def test_parts_of_the_model_refuse_bad_values(valid, change, message):
     ("arguments", "message"),
     [
         ({"parts": ("slip", "magic")}, "no part 'magic'; known: texture, slip"),
-        ({"duration_s": 0.001}, "holds 0 samples at rate_hz = 500"),
         ({"duration_s": 5}, "a push of 5 s .* into the wall at wall_distance_m = 0.1"),
     ],
 )
