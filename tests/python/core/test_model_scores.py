@@ -1,8 +1,4 @@
-"""Scores, losses and labels of a model against plain numpy, bit for bit where a bit is promised.
-
-``GRANULAR_ID_CASES=100000 pytest tests/python/core/test_model_scores.py -k campaign -s`` compares that many recordings
-of the paper's size.
-"""
+"""Scores, losses and labels of a model against plain numpy, bit for bit where a bit is promised."""
 
 import numpy as np
 import pytest
