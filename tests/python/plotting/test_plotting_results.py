@@ -54,6 +54,14 @@ def test_accuracy_has_a_row_a_space_and_a_baseline(result):
     assert intervals[0][:, 0] == pytest.approx(result.interval("raw"), nan_ok=True)
 
 
+def test_the_papers_accuracies_are_marked_for_its_materials(monkeypatch, result):
+    strokes = (0.7614, 0.8705)
+    for shown in (True, False):
+        monkeypatch.setattr("granular_id.plotting.evaluation.shows_paper", lambda _, shown=shown: shown)
+        lines = [tuple(line.get_xdata()) for line in plot_accuracy(result).axes[0].lines]
+        assert (strokes in lines) is shown
+
+
 def test_recall_has_a_row_a_class(result):
     panel = plot_recall(result, "raw").axes[0]
     assert row_names(panel) == list(result.labels)
