@@ -71,6 +71,7 @@ def test_rows_one_by_one_are_the_same_as_a_block():
         assert one.push(row, t, flags=2, host_ns=7)
     many.push_block(X, T, flags=2, host_ns=7)
     np.testing.assert_array_equal(one.window(100, allow_saturated=True).wrench, X)
+    assert one.latest().host_ns.tolist() == many.latest().host_ns.tolist() == [7]
     assert one.stats() == many.stats()
     assert one.stats()["saturated"] == 100
 
