@@ -106,6 +106,26 @@ def test_every_table_adds_up_to_the_difference(name, data):
     assert len(seen.columns.names) == len(set(seen.columns.names)) == len(seen.weights)
 
 
+def test_tables_of_bands_are_those_of_the_names():
+    """Written anew from the names of the features."""
+    X, y = louder()
+    model = make_pipeline(MultiBand(blocks=ALL), ECOCClassifier()).fit(as_wrench(X), y)
+    seen = explain(model, "rice", "oat", X, y)
+    axes, bands, blocks = {}, {}, {}
+    for name, value in zip(seen.columns.names, seen.contributions, strict=True):
+        words = name.split("_")
+        known = [word for word in words if word in ("fx", "fy", "fz", "tx", "ty", "tz")]
+        for axis in known:
+            axes[axis] = axes.get(axis, 0.0) + value / len(known)
+        place = int(words[0][1:]) if words[0][0] == "b" else words[0]
+        bands[place] = bands.get(place, 0.0) + value
+        block = next((word for word in words if word in ALL), "quantiles")
+        blocks[block] = blocks.get(block, 0.0) + value
+    assert seen.sums("axis") == pytest.approx(axes)
+    assert list(seen.sums("band").values()) == pytest.approx(list(bands.values()))
+    assert seen.sums("block") == pytest.approx(blocks)
+
+
 def test_weights_are_slopes_of_the_score(data):
     """A newton more in one sample moves the score by the weight of that sample."""
     X, y = data
