@@ -114,7 +114,7 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
         source = FileSource(path=path, root=path.resolve().parent, name=path.name, **stated)
         is_stated = options.label is not None or options.session is not None
         source = placed(source, options, path.resolve(), alone=True) if is_stated else source
-        return Sources(known.what, [source])
+        return Sources(known.what, [source], notes=_index_beside(path))
     if not path.is_dir():
         wanted = "; ".join(known.what for known in FORMATS)
         problem = f"is of no known format; what can be read: {wanted}; or a folder of such files ({LAYOUTS})"
@@ -145,6 +145,16 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
         root = path.resolve()
         found.files = [placed(one, options, root / one.path.relative_to(path)) for one in found.files]
     return found
+
+
+def _index_beside(path: Path) -> list[str]:
+    """Say that one file of a folder with an index is read without it."""
+    places = [folder / INDEX_NAME for folder in path.absolute().parents[:2] if path.name != INDEX_NAME]
+    return [
+        f"{file.parent.name}/{file.name} is not read with a single file: name the folder for label, session and meta"
+        for file in places
+        if file.is_file()
+    ]
 
 
 def _walk(root: Path, found: Sources, stated: dict[str, Any]) -> None:
