@@ -37,6 +37,25 @@ def heeding_interrupts():
         signal.signal(number, handler)
 
 
+@pytest.fixture
+def begin(tmp_path):
+    """Begin a session; it does not outlive the test."""
+    from stopping_cases import Session
+
+    sessions = []
+
+    def one(how, *words, **options):
+        sessions.append(Session(tmp_path, how, *words, **options))
+        return sessions[-1]
+
+    yield one
+    for session in sessions:
+        session.limit.cancel()
+        session.process.kill()
+        session.process.communicate()
+        session.lines.close()
+
+
 @pytest.fixture(scope="module")
 def browser():
     """Chromium without a window."""

@@ -90,3 +90,58 @@ def test_signals_of_a_forked_child_do_not_stop_the_parents_robot():
 def test_other_threads_are_refused():
     with ThreadPoolExecutor(1) as pool, pytest.raises(RuntimeError, match="main thread"):
         pool.submit(stop_on_signals().__enter__).result()
+
+
+# -- a program of its own
+
+
+def code_of(number):
+    """Exit code of a program in Python that a signal has ended."""
+    return -number if number == signal.SIGINT else 128 + number
+
+
+@posix
+@pytest.mark.parametrize(
+    ("how", "number"),
+    [
+        *(("plain", number) for number in signals.SIGNALS),
+        ("nested", signals.SIGNALS[-1]),
+        ("hangs once", signal.SIGTERM),  # stop() does not return
+    ],
+)
+def test_a_signal_stops_the_robot_and_ends_the_program(begin, how, number):
+    session = begin(how)
+    session.signal(number)
+    assert session.ended()[0] == code_of(number)
+
+
+@posix
+@pytest.mark.parametrize(("how", "code"), [("thread", 143), ("deaf", 0)])
+def test_nothing_moves_after_a_signal_where_others_go_on(begin, how, code):
+    session = begin(how)
+    session.signal(signal.SIGTERM)
+    assert session.ended()[0] == code
+    assert session.notes[-1] == "interrupted"
+
+
+@posix
+def test_stop_is_called_though_the_main_thread_hears_nothing(begin):
+    session = begin("held up")
+    session.signal(signal.SIGTERM)
+    assert "goes on" not in session.notes
+    session.process.stdin.write("!")
+    assert session.ended()[0] == 143
+
+
+@posix
+def test_a_second_signal_ends_a_program_whose_driver_hangs(begin):
+    session = begin("hangs")
+    session.signal(signal.SIGTERM)
+    session.wait_for("stop")  # again, while the first call has not returned
+    session.process.send_signal(signal.SIGTERM)
+    assert session.ended()[0] == 143
+
+
+@posix
+def test_the_end_of_the_interpreter_stops_what_a_thread_moves(begin):
+    assert begin("exit").ended()[0] == 0
