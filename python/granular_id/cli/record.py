@@ -129,11 +129,11 @@ def record(
                         if changed and not sensor.info.synthetic:
                             _wait_for(title, recorder)
                         refused, line = _recorded(recorder, name, title)
+                        recorded.append(name)
                         if k == 0:
                             _check_truth(name, recorder, stream.info.name)
                         n_refused += refused
                         show(line)
-                        recorded.append(name)
 
 
 def _into_archive(output: Path) -> bool:

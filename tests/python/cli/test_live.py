@@ -131,16 +131,8 @@ def interrupted(*words, after):
 
 def test_ctrl_c_ends_record_with_what_there_is(tmp_path, heeding_interrupts):
     words = ("--source", SIM, "--label", "rice", "--duration-s", 0.5, "-o", tmp_path / "x")
-    with started("record", *words) as running:
-        try:
-            running.stdout.readline()
-            running.send_signal(signal.SIGINT)
-            out, _ = running.communicate(timeout=30)
-        finally:
-            running.kill()
-    n = len(list((tmp_path / "x").rglob("*.npz")))
-    assert running.returncode == 130
-    assert f"wrote {n} SYNTHETIC recording" in out
+    out = " ".join(interrupted("record", *words, after="samples, ").split())
+    assert f"wrote {len(list((tmp_path / 'x').rglob('*.npz')))} SYNTHETIC recordings of 1 material" in out
 
 
 def test_ctrl_c_ends_a_session_with_its_summary(live, heeding_interrupts):
@@ -157,13 +149,9 @@ def test_ctrl_c_ends_a_session_with_its_summary(live, heeding_interrupts):
         ("--label ,", "--label must name at least one material"),
         ("--label rice,rice", "--label must name each material once, got 'rice,rice'"),
         ("--label rice,suger", "'suger'; known: dry peas, rice"),
-        ("--label rice,sa\u202elt", "holds the control character"),
         ("--label rice --session ' '", "--session is empty"),
         ("--label rice --direction 1,0", "--direction must be X,Y,Z such as 0,-1,0, got '1,0'"),
-        ("--label rice --robot none --trigger motion", "--trigger='motion' needs a robot"),
         ("--label rice --robot ur", "--robot must be one of auto, none, manual, source"),
-        ("--label rice --duration-s 5", "a shorter push or a lower speed_m_s is wanted"),
-        ("--label rice --source sim:?speed=1e9", "speed must be at most 1000, got 1e+09"),
         ("--label rice --source simm:rice", "'simm'; known: bota, rdt"),
         (
             "--label rice -o x.npz",
@@ -289,19 +277,7 @@ def test_live_with_a_hop_answers_as_identify_does(grounds, tmp_path):
     assert "Answering: " in ended_well("live", *words[:-2], "--n", 3)
 
 
-ABOUT_PUSHES = (
-    "--early",
-    "--pre-s 0.2",
-    "--robot manual",
-    "--trigger force",
-    "--threshold-n 1",
-    "--direction=-1,0,0",
-    "--max-force-n 9",
-    "--archive seen",
-)
-
-
-@pytest.mark.parametrize("words", ABOUT_PUSHES)
+@pytest.mark.parametrize("words", ["--early", "--robot manual", "--direction=-1,0,0", "--archive seen"])
 def test_live_with_a_hop_refuses_what_is_about_pushes(grounds, words):
     model, file = grounds
     line = refused(

@@ -8,14 +8,6 @@ import pytest
 from cli_cases import refused, run
 from granular_id import _core
 from granular_id._checks import argument_error
-from granular_id.io import save
-from granular_id.synthetic import synthesize
-
-
-@pytest.fixture(scope="module")
-def pushes(tmp_path_factory):
-    data = synthesize(["rice", "oat flakes"], n_per_class=2, duration_s=1.0, seed=1)
-    return save(data, tmp_path_factory.mktemp("data") / "pushes.npz")
 
 
 @pytest.fixture
@@ -36,36 +28,24 @@ def holds(line, message):
 BEFORE_READING = [
     ("evaluate broken.npz --bin-range 2", "--bin-range must be LOW,HIGH such as -1.5,1.5, or auto, got '2'"),
     ("evaluate broken.npz --spaces raw,dft --cutoff-hz 5", "the histogram (hfmh), none of raw,dft has one"),
-    (
-        "evaluate broken.npz --bin-range 3,1",
-        "--bin-range must be LOW,HIGH ... with LOW below HIGH, got '3,1'",
-    ),
     ("evaluate broken.npz --bin-range 1,inf", "with LOW below HIGH, got '1,inf'"),
     ("evaluate broken.npz --spaces raw,dtf", "--spaces must be one of ... got 'dtf'; did you mean 'dft'?"),
     ("evaluate broken.npz --spaces bset", "--spaces must be one of ... 'paper', 'all', got 'bset'; did you"),
     ("evaluate broken.npz --spaces raw,raw", "--spaces must name at least one feature space, each once"),
-    ("evaluate broken.npz --spaces ,", "--spaces must name at least one feature space"),
     ("evaluate broken.npz --paper 2,6,3 --hold-out tool", "--hold-out tool has no use with --paper"),
-    ("evaluate broken.npz --paper 20,50,0", "--paper must be PARTITIONS,TRAIN,TEST"),
-    ("train broken.npz -o m --space hfmh --bin-range 3,1", "with LOW below HIGH, got '3,1'"),
-    ("confidence broken.npz --space nose", "--space must be one of ... got 'nose'"),
-    ("explain broken.npz oat rice --space nose", "--space must be one of ... got 'nose'"),
     ("evaluate broken.npz --paper 20,50", "--paper must be PARTITIONS,TRAIN,TEST such as 20,50,12"),
     ("evaluate broken.npz --json absent/r.json", "the folder absent does not exist"),
     ("evaluate broken.npz --json r --csv ./r", "would be written twice"),
     ("evaluate broken.npz --csv .", "is a folder, wanted the name of a file"),
     ("demo -o broken.npz", "broken.npz is or lies in a file, wanted a folder"),
-    ("explain broken.npz oat rice --figure f.xyz", "--figure ... must end in .png or .svg or .pdf, got"),
     ("train broken.npz -o m --space nose", "--space must be one of 'best', ... got 'nose'"),
     ("train broken.npz -o m --cutoff-hz 5", "are about the histogram (hfmh), best has none"),
     ("train broken.npz -o x.pkl", "--output writes a model: it must end in .safetensors, ... 'x.pkl'"),
     ("confidence broken.npz --levels 0.9,1", "--levels must be numbers between 0 and 1"),
-    ("identify absent.safetensors .", "absent.safetensors"),
     ("identify broken.npz .", "broken.npz"),
     ("identify broken.npz x.npz -o out --csv x.csv", "--csv does not go with -o"),
     ("identify broken.npz . --jobs 2", "--jobs is about archives and -o"),
     ("identify broken.npz . --figure f.png", "--figure draws answers over all of a recording, with --hop-s"),
-    ("model absent.safetensors", "absent.safetensors"),
     ("model broken.npz", "broken.npz"),
     ("data convert absent broken.npz --force", "what is there is not a data set; give another name"),
     ("data convert absent .", "is a folder, --force replaces files only"),
@@ -80,11 +60,9 @@ BEFORE_READING = [
     ("data convert absent x.npz --csv skiprows", "--csv must be KEY=VALUE ... got 'skiprows'"),
     ("data convert absent x.npz --gravity 0,0,1", "add --compensate"),
     ("data convert absent x.npz --frame =0,0,90", "--frame must be NAME, or NAME=roll,pitch,yaw"),
-    ("data convert absent x.npz --frame f=90", "--frame must be NAME=roll,pitch,yaw in degrees, or"),
     ("data convert absent x.npz --compensate nowhere.json", "nowhere.json: no such file"),
     ("data plot broken.npz -o x.xyz", "--output ... must end in .png or .svg or .pdf, got 'x.xyz'"),
     ("data plot broken.npz -o x.png --what mean -n 3", "-n does not go with"),
-    ("data synthesize y.npz --materials 'sand and stone'", "sand and stone"),
     ("setup payload absent -o t.json", "absent: no such file or folder"),
     ("adapt a.safetensors b.safetensors -o c", "is no recordings but a model file: MODEL comes first"),
     ("adapt broken.npz broken.npz -o c", "give --labelled, ... neither is given"),
@@ -99,53 +77,38 @@ def test_option_that_cannot_be_is_refused_first(typed, message):
 
 
 AFTER_READING = [
-    ("evaluate {folder} --spaces hfmh --cutoff-hz 80", "cutoff_hz must be in ... got 80"),
     ("evaluate {folder} --paper 20,50,12", "class 'oat' has 10 recordings, wanted ... (--paper 20,8,2)"),
     ("evaluate {folder} --hold-out speed", "--hold-out='speed' cannot be held out ... of index.csv"),
     ("evaluate {folder} --json {folder}/index.csv", "index.csv belongs to {folder}"),
     ("evaluate {folder} --csv {folder}/p.csv", "p.csv would be taken for a recording of {folder}"),
     ("explain {folder} oat oat", "FIRST and SECOND must be two materials, got 'oat' twice"),
     ("explain {folder} oat salt", "SECOND is 'salt', which is no label here; there are oat, rice, sugar"),
-    ("train {folder} -o {folder}/index.csv", "index.csv belongs to {folder}"),
     ("train {folder} -o m --background salt", "background names 'salt', of which there is no recording"),
     ("identify {folder} {model}", "MODEL comes first, got {folder}: granular-id identify MODEL PATH"),
     ("identify {model} {folder} {folder} -o out", "-o takes the answers about one archive, got 2: name one"),
-    ("model .", ". is a folder, wanted a model file, as granular-id train and Identifier.save write"),
     ("model {model} --json {model}", "belongs to"),
-    ("data info {folder} --csv invalid_option=7", "invalid_option"),
-    ("data convert {folder} x.npz --topic /wrench", "--topic must be left out where no file is a bag"),
-    ("data convert {folder} x.npz --flip fx,fw", "wanted a sequence of axes"),
-    ("data convert {folder} x.npz --flip fx,fy,fz,tx,ty,tz", "sign"),
     ("data convert {folder} x.npz --tare-s 9 --on-error skip", "none of 30 recordings has 9 s of rest"),
-    ("data convert {pushes} x.npz --compensate {pushes}", "pushes.npz: no payload"),
     ("setup payload {folder} -o t.json", "error: gravity must be given"),  # there is no --gravity here
 ]
 
 
 @pytest.mark.usefixtures("place")
 @pytest.mark.parametrize(("typed", "message"), AFTER_READING)
-def test_what_does_not_go_with_the_recordings_is_refused(folder, model, pushes, typed, message):
-    names = {"folder": folder, "model": model, "pushes": pushes}
+def test_what_does_not_go_with_the_recordings_is_refused(folder, model, typed, message):
+    names = {"folder": folder, "model": model}
     assert holds(refused(*shlex.split(typed.format(**names))), message.format(**names))
 
 
 USAGE = [
     ("evaluate absent --seed -1", "invalid value for '--seed': "),
-    ("evaluate absent --jobs 0", "invalid value for '--jobs' / '-j': "),
     ("data convert absent x.npz --resample-hz inf", "invalid value for '--resample-hz': must be positive"),
-    ("data convert absent x.npz --recorded-hz 0", "invalid value for '--recorded-hz': must be positive"),
     ("train absent -o new --target-error 1.5", "invalid value for '--target-error': must lie between 0"),
-    ("train . -o m --seed x", "invalid value for '--seed': "),
     ("explain", "missing argument 'PATH'"),
-    ("explain . rice", "missing argument 'SECOND'"),
-    ("identify", "missing argument 'MODEL'"),
     ("live --source sim:rice", "missing option '--model' / '-m'"),
     ("evaluate . --nope", "no such option: --nope"),
     ("nothing", "no such command 'nothing'"),
-    ("data nothing", "no such command 'nothing'"),
     ("extract . -o ''", "invalid value: an argument is an empty text"),
     ("data plot . --what x", "invalid value for '--what': 'x' is not one of 'recordings'"),
-    ("record --n", "option '--n' requires an argument"),
 ]
 
 
@@ -153,7 +116,7 @@ USAGE = [
 def test_wrong_usage_is_refused_as_all_else(typed, message):
     line = refused(*shlex.split(typed))
     assert line.startswith(f"error: {message}")
-    assert line.endswith(" --help") or "requires" in line
+    assert line.endswith(" --help")
 
 
 @pytest.mark.parametrize("typed", ["", "data", "archive"])

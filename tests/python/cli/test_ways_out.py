@@ -293,12 +293,6 @@ def test_labels_of_an_index_are_taken_as_it_says(tmp_path, monkeypatch, header, 
     assert load(words[3]).y.tolist() == list(LABELS[:2]) * 4
 
 
-@pytest.mark.parametrize("place", ["column:Grain", "meta:Grain", "column:grain", "meta:grain"])
-def test_column_of_an_index_is_a_label(tmp_path, place):
-    index_of(tmp_path / "in", "file,Grain", "{file},{label}")
-    assert load(tmp_path / "in", label=place).y.tolist() == list(LABELS[:2]) * 4
-
-
 def test_label_that_nothing_says_is_not_guessed(tmp_path):
     for i in range(3):
         table(tmp_path / "in" / f"{i}.csv")
@@ -375,10 +369,3 @@ def test_lines_of_python_are_a_command_that_saves(tmp_path, monkeypatch):
     assert line.startswith("python -c ")
     subprocess.run(shlex.split(line.replace("python", sys.executable, 1)), check=True, env=os.environ)
     assert load("in-prepared.npz").y.tolist() == [*"abab"]
-
-
-def test_column_that_is_not_there_has_no_way_out(tmp_path):
-    each_label(tmp_path / "in")
-    line = refused("data", "info", tmp_path / "in", "--session", "column:foo")
-    assert "session='foo' is no column of it" in line
-    assert "granular-id" not in line.partition("there are")[2]
