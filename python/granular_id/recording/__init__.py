@@ -41,8 +41,6 @@ from granular_id.recording.conditions import (
 )
 from granular_id.recording.conversion import (
     Made as Made,
-    Stated as Stated,
-    Table as Table,
     restated as restated,
     to_recordings as to_recordings,
 )
@@ -84,6 +82,7 @@ from granular_id.recording.summary import (
     axes_in_words as axes_in_words,
     headline as headline,
 )
+from granular_id.recording.table import Stated as Stated, Table as Table
 from granular_id.recording.wrench import (
     TARE_S as TARE_S,
     rest_zero as rest_zero,

@@ -20,9 +20,10 @@ from granular_id.recording.columns import (
     unit_spelling,
     units_by_axis,
 )
-from granular_id.recording.conversion import Made, Stated, Table, to_recordings
+from granular_id.recording.conversion import Made, to_recordings
 from granular_id.recording.recording import Recording, checked_axes
 from granular_id.recording.report import StepReport
+from granular_id.recording.table import Stated, Table
 
 TimeUnit = Literal["s", "ms", "us", "ns", "sample"]
 _ARRAYS = "(n, T, C): recordings, samples, axes; or a list of arrays (T, C)"

@@ -246,7 +246,9 @@ def test_index_says_it_all(tmp_path):
     )
     assert load(tmp_path, session="meta:operator", on_error="skip")[0].session == "anna"
     (note,) = (note for note in load(tmp_path / "spare.csv").history[-1].notes if "index.csv" in note)
-    assert note.endswith("/index.csv is not read with a single file: name the folder for label, session and meta")
+    assert note.endswith(
+        "/index.csv is not read with a single file: name the folder for label, session and meta"
+    )
 
 
 @pytest.mark.parametrize(

@@ -285,7 +285,10 @@ def test_the_rest_before_the_motion_gives_nothing_away(thirty_each):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"materials": ["sand", "rice", "mud"]}, "has no material 'sand' or 'mud'; known: dry peas, .*cat litter"),
+        (
+            {"materials": ["sand", "rice", "mud"]},
+            "has no material 'sand' or 'mud'; known: dry peas, .*cat litter",
+        ),
         ({"materials": ["rice", BY_NAME["rice"]]}, "'rice' twice"),
         ({"sensor": "gyro"}, "sensor must be a Sensor or 'imu', got 'gyro'"),
         ({"n_per_class": 0}, "n_per_class must be at least 1, got 0"),
