@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from granular_id import FeatureSpec, extract_features
 from granular_id.live import FailureReason, Push
@@ -41,6 +41,7 @@ def extremes(rows):
     return np.stack([np.fmin.reduce(pieces, 1), np.fmax.reduce(pieces, 1)], 1).reshape(-1, 6)
 
 
+@settings(max_examples=40)
 @given(
     st.lists(st.integers(0, len(ROWS)), max_size=30).map(sorted),
     st.dictionaries(st.integers(1, len(ROWS) - 1), st.integers(1, 4000), max_size=4),
