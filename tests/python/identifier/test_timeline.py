@@ -137,6 +137,9 @@ def test_files_hold_every_answer(models, drive, tmp_path):
     assert [row["label"] for row in rows] == answers.labels.tolist()
     assert [float(row["to_s"]) for row in rows] == pytest.approx(answers.times_s)
     assert {row["unknown"] for row in rows} <= {"true", "false"}
+    ends = np.cumsum([one.n_answers for one in answers.stretches])[:-1]
+    means = [part.mean() for part in np.split(answers.margins, ends)]
+    assert [one.margin for one in answers.stretches] == pytest.approx(means)
     stored = json.loads(json.dumps(answers.to_dict()))
     assert [row["losses"] for row in stored["answers"]] == answers.losses.tolist()
     assert stored["stretches"][0]["from_s"] == 0.0

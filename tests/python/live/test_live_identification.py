@@ -134,13 +134,13 @@ def test_answer_warns_of_what_was_allowed(limits, faults, warning):
 def test_last_answer_stays_while_nobody_pushes():
     shown, world = Shown(), World()
     world.sensor.force = lambda s: 1.0 if s < 0.5 else 9.0
-    live = LiveIdentifier(world.stream, MODEL, Setup(None, ForceTrigger), views=shown, timeout_s=0.4)
+    live = LiveIdentifier(world.stream, MODEL, Setup(None, ForceTrigger), views=shown, timeout_s=0.7)
     first, *others = [push for push, _ in zip(live.pushes(), range(3), strict=False)]
     assert first.decision.final
     assert [push.reason for push in others] == [FailureReason.NO_TRIGGER] * 2
     end = next(k for k, one in enumerate(shown.snapshots) if one.state == "complete")
     assert {one.words.answer.title for one in shown.snapshots[end:]} == {first.decision.label}
-    with pytest.raises(CaptureError, match="nothing triggered within 0.4 s"):
+    with pytest.raises(CaptureError, match="nothing triggered within 0.7 s"):
         next(live.pushes(1 + live.n_answered))
 
 
