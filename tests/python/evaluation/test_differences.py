@@ -28,21 +28,6 @@ def test_gap_bound_is_draws_less_the_lower_end():
     assert np.isnan(Gap.of("raw", few, [0.4] * 19).most)
 
 
-@pytest.mark.parametrize(("effect", "lost"), [(0.0, False), (1.5, True)])
-def test_sessions_that_cost_are_found_and_others_not(effect, lost):
-    """Four materials that differ in level, in sessions of their own that add an offset."""
-    rng = np.random.default_rng(3)
-    session, material = (rows.ravel() for rows in np.indices((4, 4, 6))[:2])
-    offsets = effect * rng.normal(size=(4, 4, 6))
-    levels = 2.5 * np.eye(6)[material] + offsets[session, material] + rng.normal(size=(96, 6))
-    sessions = [f"{m} {s}" for m, s in zip(material, session, strict=True)]
-    data = of_levels(levels, [f"m{m}" for m in material], sessions)
-    result = evaluate(data, "raw", classifier=Centroids(), **QUIET)
-    assert result.gap.is_lost is lost
-    assert result.gap.points == pytest.approx(np.mean(result.at_random["raw"]) - result.accuracy())
-    assert len(result.at_random["raw"]) == 19
-
-
 def test_copies_within_sessions_make_no_gap():
     """Random vectors with no material in them: who trains on a copy of what is tested names it right."""
     rng = np.random.default_rng(0)

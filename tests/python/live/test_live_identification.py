@@ -140,7 +140,7 @@ def test_last_answer_stays_while_nobody_pushes():
     assert [push.reason for push in others] == [FailureReason.NO_TRIGGER] * 2
     end = next(k for k, one in enumerate(shown.snapshots) if one.state == "complete")
     assert {one.words.answer.title for one in shown.snapshots[end:]} == {first.decision.label}
-    with pytest.raises(CaptureError, match="nothing triggered within 0.7 s"):
+    with pytest.raises(CaptureError, match=r"nothing triggered within 0\.7 s"):
         next(live.pushes(1 + live.n_answered))
 
 
