@@ -63,6 +63,8 @@ def test_table_shows_strict_and_random_accuracies_and_the_gap(evaluated):
         drawn = np.mean(evaluated.at_random[name])
         shares = f"{100 * held.accuracy:.1f} %", f"{100 * drawn:.1f} %"
         assert row == (name, *shares, f"{100 * (drawn - held.accuracy):.1f}")
+    drawn = np.mean(evaluated.at_random["raw+hfmh"])
+    assert evaluated.gap.points == pytest.approx(drawn - evaluated.accuracy())
     assert table.rows[3][0] == "(clock)"
     assert table.notes[0].startswith("(rest) left out: ")
 
