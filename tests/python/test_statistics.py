@@ -24,6 +24,9 @@ def test_corrected_t_of_the_papers_design_by_hand():
     # P(T > |t|) from the incomplete beta function instead of scipy.stats
     tail = 0.5 * special.betainc(4.5, 0.5, 9 / (9 + (mean / error) ** 2))
     assert p_value == pytest.approx(2 * tail, rel=1e-12)
+    assert corrected_resampled_t([-d for d in DIFFERENCES], 550, 132) == pytest.approx(
+        p_value
+    )  # methods swapped
 
 
 def answers(shares, n=10, n_classes=1):
