@@ -107,7 +107,7 @@ def test_number_of_another_type_is_refused_by_name(argument):
 
 
 @pytest.mark.parametrize(
-    "argument", INTEGERS.keys() - {"n_samples", "axis", "reorder_depth", "flags", "host_ns"}
+    "argument", sorted(INTEGERS.keys() - {"n_samples", "axis", "reorder_depth", "flags", "host_ns"})
 )
 def test_integer_below_one_is_refused_by_name(argument):
     for integer in (0, -1):
