@@ -55,7 +55,7 @@ def show(
         if len(rest) > width - len(f"... {n_more} more lines: "):
             below, rest = _broken(rest, width), ""
         more = f"... {n_more + len(below)} more lines{':' * bool(rest or below)} {rest}".rstrip()
-        lines[max(1, most - 1 - len(below)) :] = [more, *below]
+        lines[max(2, most - 1 - len(below)) :] = [more, *below]
     console.print(Text("\n".join(lines), style=style), soft_wrap=True)
     return len(lines)
 

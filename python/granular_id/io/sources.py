@@ -36,7 +36,9 @@ OTHER_FILES = (
 """What to do about files of no known format."""
 
 _NO_RECORDING = re.compile(
-    r"(mean|average|avg|std|median|summary|readme|license|metadata)([\W_].*|$)", re.IGNORECASE
+    r"(mean|average|avg|std|median|summary|readme|license|metadata)([\W_].*|$)"
+    r"|(.*[\W_])?(mean|average|avg|median|mittelwert)[\W_]*\d*\.\w+",
+    re.IGNORECASE,
 )
 """Names of what lies beside recordings."""
 
@@ -58,8 +60,11 @@ _COUNT = re.compile(r"(.*[^\W_].*?)[\s_.-]+([^\W\d_]*)(\d+)")
 """A name that ends in a number, perhaps behind a word of any language: ``rice_Tag1``, ``rice_01``."""
 
 _SIZE = r"(?:mm|cm|um|\N{MICRO SIGN}m|mesh|kg|g|ml|pct|percent)(?:[\W_]|$)"
-_AHEAD = re.compile(rf"(?:{_WORD}[\s_.-]*\d+|{_DATE}|\d+)[\s_.-]+(?!{_SIZE})(?=\D)", re.IGNORECASE)
+_AHEAD = re.compile(rf"\A(?:(?:{_WORD}[\s_.-]*\d+|{_DATE}|\d+)[\s_.-]+)+(?!{_SIZE})(?=\D)", re.IGNORECASE)
 """The same ahead of a name: ``run3-``, ``2025-03-04_``, but not ``4_mm_``."""
+
+_FRONT = re.compile(r"([^\W\d_]\d+)[\s_.-]+([^\W\d_].*)")
+"""A name behind a letter with a number, as of a person: ``P1_rice``."""
 
 _DIGITS = re.compile(r"([0-9]+)")
 
@@ -244,7 +249,17 @@ def labels_of(paths: Sequence[Path]) -> list[str | None]:
         shorter = _without_common_count(names, is_first=is_first)
         names = [_NUMBER.sub("", name) for name in names] if is_first and shorter == names else shorter
         is_first = False
-    return [_without_front(name) for name in names]
+    return [_without_front(name) for name in _without_letters(names)]
+
+
+def _without_letters(names: Sequence[str]) -> list[str]:
+    """Leave out a letter with a number ahead of all names, one of which at least has two materials: ``P1_rice``."""
+    found = [_FRONT.fullmatch(name) for name in names]
+    if None in found:
+        return list(names)
+    both = {one.groups() for one in found if one is not None}
+    several = len(both) > len({front for front, _ in both})
+    return [one[2] for one in found if one is not None] if several else list(names)
 
 
 def _stem(path: Path) -> str:
@@ -285,10 +300,7 @@ def _without_common_count(names: Sequence[str], *, is_first: bool) -> list[str]:
 
 
 def _without_front(name: str) -> str | None:
-    label, before = name, ""
-    while before != label:
-        before, label = label, _AHEAD.sub("", label, count=1)
-    label = label.strip(" _.-")
+    label = _AHEAD.sub("", name).strip(" _.-")
     return None if not _NUMBER.sub("", label) or label.lower() in NO_MATERIAL else label
 
 

@@ -53,6 +53,10 @@ READ = {
     "beads_d2_1.csv beads_d4_1.csv glass_d2_1.csv": ["beads_d2", "beads_d4", "glass_d2"],
     "beads_4_1.csv beads_6_1.csv glass_4_1.csv": ["beads_4", "beads_6", "glass_4"],
     "2_mm_sand.csv sand_0.5mm_1.csv sand_40_2.csv": ["2_mm_sand", "sand_0.5mm", "sand_40"],
+    "P1_rice_01.csv P1_sugar_03.csv P2_rice_01.csv": ["rice", "sugar", "rice"],
+    "A1-rice-T01.csv B1-rice-T01.csv B1-salt-T01.csv": ["rice", "rice", "salt"],
+    "d2_beads_1.csv d2_beads_2.csv d4_beads_1.csv": ["d2_beads", "d2_beads", "d4_beads"],
+    "rice-7-left.csv salt-7-left.csv": ["rice-7-left", "salt-7-left"],
     "rosbag2_2025_03_04-10_11_12.csv": [None],
     "1.csv 2.csv": [None, None],
     "trial_1.csv trial_2.csv": [None, None],
@@ -335,7 +339,7 @@ def test_index_keeps_even_stamps_where_it_calls_them_irregular(tmp_path):
 
 
 def test_what_lies_beside_recordings_is_listed(tmp_path):
-    tree(tmp_path, "rice/rice_1.csv", "rice/mean_rice.csv", "peas/README.csv")
+    tree(tmp_path, "rice/rice_1.csv", "rice/mean_rice.csv", "peas/README.csv", "peas/all_mean_2.csv")
     write(tmp_path / "peas" / "peas_1.csv")
     write(tmp_path / "peas" / "scale.csv", "time,mass", ["0,1", "1,2"])
     (tmp_path / "peas" / "photo.jpg").write_bytes(b"")
@@ -343,7 +347,7 @@ def test_what_lies_beside_recordings_is_listed(tmp_path):
     data = load(tmp_path)
     assert data.names == ("peas/peas_1.csv", "rice/rice_1.csv")
     notes = " ".join(data.history[-1].notes)
-    assert "not those of recordings: peas/README.csv, rice/mean_rice.csv" in notes
+    assert "not those of recordings: peas/README.csv, peas/all_mean_2.csv, rice/mean_rice.csv" in notes
     assert "hold none of the axes: scale.csv" in notes
     assert "1 file of no known format is not read (.jpg)" in notes
 
