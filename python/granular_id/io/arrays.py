@@ -200,6 +200,8 @@ class _Reading:
         names = None if axes is None else tuple(text or "" for text in _texts(axes))
         try:
             stated = None if units is None else [text or "" for text in _texts(units)]
+            if stated is not None and len(stated) == 1:  # as units= is typed: N,N,N,Nm,Nm,Nm
+                stated = [unit.strip() for unit in stated[0].split(",")]
             known_units = units_by_axis(names or self._axes, stated)
         except ValueError as error:
             raise self.fault(str(error), offers=False) from error
@@ -214,6 +216,8 @@ class _Reading:
         clock = None if clock is None or clock.ndim == 0 else clock
         self._refuse_order(values, one, label)
         width = values.shape[-1]
+        if names is not None and len(names) in set(shape) - {width}:  # in another order
+            raise self.fault(f"{one.path} {values.shape} has {width} columns; axes has {len(names)} names")
         if names is None and width not in (len(AXES), len(self._axes)):
             raise self.fault(
                 f"{one.path} {values.shape} has {width} columns without names; pass axes= with a name for each (--axes)"

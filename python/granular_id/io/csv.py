@@ -65,8 +65,12 @@ _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig",
 }
 _SEP_LINE = re.compile(r'"?sep=(.)"?')
-_UNITS_ABOVE = re.compile(r'(force|torque|moment)s?\s+units?\W+(\w[^;,"\t]*)', re.IGNORECASE)
-_SOME_UNITS = re.compile(r"\W*units?\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
+_KINDS = r"\b(force|kraft|torque|moment|drehmoment)e?s?"
+_UNITS_ABOVE = re.compile(
+    rf'(?:{_KINDS}[\s-]*(?:units?|einheit)\W+|\b(?:units?|einheit)\s+{_KINDS}\s*"?[:;=,\t]\W*)(\w[^;,"\t]*)',
+    re.IGNORECASE,
+)
+_SOME_UNITS = re.compile(r"\W*(?:units?|einheit(?:en)?)\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
 _NUMERIC = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
 _COMMENTS = ("#", "%", "!", "/")
 _UNNAMED = re.compile(r"Unnamed: (\d+)")
@@ -393,8 +397,8 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
     """
     units: dict[str, str] = {}
     for found in (one for line in head.lines[: head.line - 1] for one in _UNITS_ABOVE.finditer(line)):
-        alike = AXES[:3] if found[1][0].lower() == "f" else AXES[3:]
-        units |= dict.fromkeys(alike, found[2].strip())
+        alike = AXES[:3] if (found[1] or found[2])[0].lower() in "fk" else AXES[3:]
+        units |= dict.fromkeys(alike, found[3].strip())
     names = [str(name) for name in head.options.get("names") or head.names]
     line = "".join(head.lines[head.below : head.below + 1])
     texts = {name: cell for name, cell in zip(names, _cells(line, head.options), strict=False) if cell}

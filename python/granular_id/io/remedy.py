@@ -148,6 +148,7 @@ class _Call(NamedTuple):
     is_timed: bool = False  # the frames have a clock
     is_beside: bool = False  # labels stand beside the samples
     sessions: str = ""
+    units: tuple[Found, ...] = ()  # of its parts, where these state their own
 
 
 class Remedy:
@@ -161,9 +162,43 @@ class Remedy:
         how: Opening,
     ) -> None:
         self._every, self._source, self._how, self._given = leaves, source, how, options
-        self._known = list(options.axes or source.axes or AXES)
         self._arrays = [one for one in leaves if one.leaf.is_numbers and len(one.leaf.shape) in (2, 3)]
+        axes = None if options.axes or source.axes else self._stated("axes")
+        names = [] if axes is None else _words(axes)
+        is_of_axes = names and any(len(names) in one.leaf.shape for one in self._arrays)
+        self._own_axes = axes if is_of_axes else None
+        self._known = list(options.axes or source.axes or (names if is_of_axes else AXES))
         self._in_order = [one for one in self._arrays if one.leaf.shape[-1] == len(self._known)]
+
+    def _beside(self, what: str, one: Found) -> Found | None:
+        """Return what is called so beside an array: its attribute, or what its group or one around it holds."""
+        for key, leaf in one.leaf.about.items():
+            if key.lower() in BESIDE[what]:
+                return Found(f"{one.path}/{key}", leaf, one.chain)
+        near = (node for place in one.chain for key, node in place.items() if key.lower() in BESIDE[what])
+        node = next((node for node in near if isinstance(node, Leaf) and node is not one.leaf), None)
+        return next((other for other in self._every if other.leaf is node), None)
+
+    def _stated(self, what: str) -> Found | None:
+        """Return what is stated beside the arrays; nothing where it is not the same of all."""
+        found = [one for array in self._arrays if (one := self._beside(what, array)) is not None]
+        return found[0] if found and len({tuple(_words(one)) for one in found}) == 1 else None
+
+    def _units(self, own: Sequence[Found]) -> str:
+        """Return the units of the axes that the file states."""
+        if self._given.units is not None:
+            return f", units={','.join(self._given.units)!r}"
+        one = self._stated("units")
+        every = own if one is None else [one]
+        texts = [self._how.label(two) + ".astype(str)" * (two.leaf.values.dtype.kind == "S") for two in every]
+        joined = f"[{', '.join(f'*{text}' for text in texts)}]" if len(texts) > 1 else "".join(texts)
+        return f", units=','.join({joined})" if texts else ""
+
+    def _axes(self) -> str:
+        """Return the names of the columns, where they are stated."""
+        if self._own_axes is not None:
+            return f", axes=','.join({self._how.label(self._own_axes)})"
+        return "" if self._given.axes is None else f", axes={','.join(self._given.axes)!r}"
 
     @cached_property
     def _labels(self) -> list[Found]:
@@ -362,19 +397,24 @@ class Remedy:
         rate = f", sessions={one.sessions}" * bool(one.sessions) + f", rate_hz={self._rate}" * (
             not one.is_timed
         )
-        axes = "" if one.is_frames or self._given.axes is None else f", axes={','.join(self._given.axes)!r}"
-        return f"Dataset.{words[0]}({words[1]}{rate}{axes})"
+        about = ("" if one.is_frames else self._axes()) + self._units(one.units)
+        return f"Dataset.{words[0]}({words[1]}{rate}{about})"
 
     @cached_property
     def _rate(self) -> str:
         if self._given.rate_hz is not None:
             return f"{self._given.rate_hz:g}"
         one = self._rate_leaf()
-        return "RATE" if one is None else f"float(numpy.ravel({self._how.item(one)})[0])"
+        return RATE if one is None else f"float(numpy.ravel({self._how.item(one)})[0])"
 
     def _rate_leaf(self) -> Found | None:
         """Return the number that is called like a rate."""
-        named = (one for one in self._every if one.leaf.is_numbers and _RATES.fullmatch(one.name))
+        about = [
+            Found(f"{one.path}/{key}", leaf, one.chain)
+            for one in self._arrays
+            for key, leaf in one.leaf.about.items()
+        ]
+        named = (one for one in [*about, *self._every] if one.leaf.is_numbers and _RATES.fullmatch(one.name))
         return next((one for one in named if np.size(one.leaf.read())), None)
 
     def _list_of(self, arrays: Sequence[Found]) -> str:
@@ -408,16 +448,27 @@ class Remedy:
         if not whole:
             return []
         X, n = next(iter(whole.values()))
-        y = "" if n is None else self._label_beside(n)
+        y, days, units = self._label_beside(n or 1), "", ()
         is_beside = bool(y)
         if list(whole) != [""]:
             if self._how.is_flat:
                 return []
             loop, y, is_beside = self._loop(list(whole))
             X = f"[{X} {loop}]"
-        elif n is None:
-            X, n = f"[{X}]", 1
-        return [_Call(X, y, "", n, "{" in X, "'time'" in X, is_beside)]
+        else:
+            days, units = self._sessions(n or 1), self._own_units(self._pair(groups[""]))
+            X, n = (f"[{X}]", 1) if n is None else (X, n)
+        return [_Call(X, y, "", n, "{" in X, "'time'" in X, is_beside, days, units)]
+
+    def _pair(self, inner: Mapping[str, Found]) -> list[Found]:
+        """Return forces and torques, arrays of three columns each."""
+        threes = {name: one for name, one in inner.items() if one.leaf.shape[-1:] == (3,)}
+        return [one for names in _PARTS for one in [threes[name] for name in names if name in threes][:1]]
+
+    def _own_units(self, pair: Sequence[Found]) -> tuple[Found, ...]:
+        """Return the unit that each of a pair states of itself."""
+        units = [one for part in pair if (one := self._beside("units", part)) is not None]
+        return tuple(units) if len(units) == len(pair) and all(len(_words(one)) == 1 for one in units) else ()
 
     def _joined(self, place: str, inner: Mapping[str, Found]) -> tuple[str, int | None] | None:
         """Return the expression that joins the parts of a group, and of how many recordings in three dimensions."""
@@ -432,8 +483,7 @@ class Remedy:
             named = ["time"] * ("time" in vectors) + list(AXES)
             columns = ", ".join(f"{what!r}: numpy.ravel({item(vectors[what], place)})" for what in named)
             return f"{{{columns}}}", None
-        threes = {name: one for name, one in inner.items() if one.leaf.shape[-1:] == (3,)}
-        pair = [one for names in _PARTS for one in [threes[name] for name in names if name in threes][:1]]
+        pair = self._pair(inner)
         shapes = {one.leaf.shape for one in pair}
         if (
             len(pair) < len(_PARTS)
@@ -443,7 +493,13 @@ class Remedy:
         ):
             return None
         n = pair[0].leaf.shape[0] if len(pair[0].leaf.shape) == 3 else None
-        return f"numpy.concatenate([{', '.join(item(one, place) for one in pair)}], axis=-1)", n
+        joined = f"numpy.concatenate([{', '.join(item(one, place) for one in pair)}], axis=-1)"
+        clock = next((inner[name] for name in BESIDE["t"] if name in inner), None)
+        is_clock = clock is not None and n is None and np.prod(clock.leaf.shape) == pair[0].leaf.shape[0]
+        if clock is not None and is_clock and self._rate == RATE:
+            axes = f"zip({' '.join(AXES)!r}.split(), {joined}.T)"
+            return f"{{'time': numpy.ravel({item(clock, place)}), **dict({axes})}}", None
+        return joined, n
 
     def _loop(self, places: Sequence[str], array: Found | None = None) -> tuple[str, str, bool]:
         """Return the loop over groups, or structs, in which each is r, their labels, and whether these lie in them.
@@ -475,6 +531,14 @@ class Remedy:
         names = label_levels(places, own=True)
         return loop, _runs(names[0]) if names else "", False
 
+    def _sessions(self, n: int) -> str:
+        """Return the sessions that stand beside n recordings in one array, or one of all."""
+        one = self._beside("session", self._arrays[0]) if self._arrays else None
+        size = 0 if one is None or "[" in one.path else np.size(one.leaf.read())
+        if one is None or size not in (1, n):
+            return ""
+        return self._how.label(one) if size == n else f"list({self._how.label(one)}) * {n}"
+
     def _days(self, place: str, loop: str) -> str:
         """Return the sessions that stand beside the samples in each group of a loop, where options name them."""
         given = _column(self._given.session) or "session"
@@ -494,10 +558,17 @@ class Remedy:
             return []
         first, second = self._known[:2]
         by_axis = f"{item}.reshape(len({item}), {n_axes}, -1).transpose(0, 2, 1)"
+        days = self._sessions(n)
         by_sample = f"{item}.reshape(len({item}), -1, {n_axes})"
         return [
-            _Call(by_axis, y, f"a row holds all {first}, then all {second}", is_beside=True),
-            _Call(by_sample, y, f"a row holds sample after sample, each of {n_axes} axes", is_beside=True),
+            _Call(by_axis, y, f"a row holds all {first}, then all {second}", is_beside=True, sessions=days),
+            _Call(
+                by_sample,
+                y,
+                f"a row holds sample after sample, each of {n_axes} axes",
+                is_beside=True,
+                sessions=days,
+            ),
         ]
 
     def _turned(self) -> list[_Call]:
@@ -523,6 +594,7 @@ class Remedy:
                 y,
                 f"axis {order[0]} counts recordings and axis {order[-1]} the forces" * (len(ways) > 1),
                 is_beside=bool(y),
+                sessions=self._sessions(shape[order[0]]),
             )
             for order, y in ways
         ]
@@ -545,13 +617,14 @@ class Remedy:
                 )
                 why = "those without samples or a label may be left out" * (" if " in loop)
                 return [_Call(X, y, why, sessions=days, is_beside=True)]
+        days = self._sessions(sum(counts))
         beside = [self._label_beside_of(one, n) for one, n in zip(arrays, counts, strict=True)]
         y = f"[{', '.join('*' + y for y in beside)}]" if all(beside) else self._label_beside(sum(counts))
         levels = [] if y else label_levels([one.path for one in arrays], own=True)
         if not levels:
-            return [_Call(X, y, "", sum(counts), is_beside=bool(y))]
+            return [_Call(X, y, "", sum(counts), is_beside=bool(y), sessions=days)]
         labels = [[name for name, n in zip(names, counts, strict=True) for _ in range(n)] for names in levels]
-        return [_Call(X, _runs(names), f"{names[0]!r} is a material") for names in labels]
+        return [_Call(X, _runs(names), f"{names[0]!r} is a material", sessions=days) for names in labels]
 
     def _label_beside_of(self, one: Found, n: int) -> str:
         """Return the labels beside one array of several: y_train of X_train."""
@@ -608,3 +681,7 @@ def without_number(name: str) -> str:
     """Return a name without the number at its end."""
     found = _COUNTED.fullmatch(name)
     return name if found is None or not found[1] else found[1]
+
+
+def _words(one: Found) -> list[str]:
+    return [str(text) for text in np.ravel(one.leaf.read())]

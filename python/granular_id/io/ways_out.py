@@ -16,7 +16,7 @@ from granular_id.recording import AXES, LABEL, Table, meaning_of
 
 _MODULES = ("dataclasses", "h5py", "io", "json", "numpy", "pandas", "pathlib", "re", "scipy.io")
 _READERS = {".xlsx": "read_excel", ".xls": "read_excel", ".ods": "read_excel", ".feather": "read_feather"}
-_MOST_STEPS = 4
+_MOST_STEPS = 6
 _NUMBERS = (r"[\W_]*\d+$", r"[\W_]+\(\d+\)$", r"[\W_\d]+$")
 """What numbers files at the ends of their names: the first that gives the label of a file serves for those like it."""
 
@@ -99,6 +99,8 @@ def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> li
     """
     label = source.label or source.label_else
     named = {"time": "time", "recording": "id", "label": "label", "session": "session"}
+    if ".assign(recording=" in mend:  # which tells them apart, as the column that was named does not
+        del named["recording"]
     given = {"rate_hz": source.rate_hz, "time_unit": source.time_unit}
     given |= {named[what]: name for what, name in source.columns if name is not None and what in named}
     given["axes"] = None if source.axes is None else ",".join(source.axes)

@@ -121,6 +121,14 @@ WAYS_OUT = {
     "forces and torques of one": {"force": W[:, :3], "torque": W[:, 3:]},
     "F and M": {"F": W[:, :3], "M": W[:, 3:]},
     "vectors": dict(zip(AXES, W.T, strict=True)),
+    "units and days": {
+        **{"X": 1000 * X.transpose(0, 2, 1), "y": LABELS, "session": DAYS},
+        "units": ["mN"] * 3 + ["N mm"] * 3,
+    },
+    "units by commas": {"data": 1000 * X.transpose(1, 0, 2), "labels": LABELS, "units": "mN,N mm"},
+    "axes the other way round": {"X": X[..., ::-1].transpose(0, 2, 1), "y": LABELS, "axes": AXES[::-1]},
+    "a day of all": {"X": X.transpose(0, 2, 1), "y": LABELS, "session": "mon"},
+    "units of F and M": {"F": 1000 * W[:, :3], "M": 1000 * W[:, 3:], "units": ["mN"] * 3 + ["N mm"] * 3},
 }
 
 
@@ -132,7 +140,10 @@ def test_the_line_of_an_error_reads_the_file(tmp_path, case, form):
     data = run(lines_of(refusal(path))[0])
     one = "labels" not in tree and "y" not in tree
     assert data.rate_hz == 500
-    np.testing.assert_array_equal(data.X, X[:1] if one else X)
+    found = data.X[..., [data.axes.index(axis) for axis in AXES]]
+    np.testing.assert_allclose(found, X[:1] if one else X, rtol=1e-12 if "units" in tree else 0)
+    if "session" in tree:
+        assert data.sessions.tolist() == (DAYS if len(tree["session"]) == len(X) else ["mon"] * len(X))
     if not one:
         assert data.y.tolist() == LABELS
 
@@ -254,6 +265,27 @@ def test_attributes_of_hdf5_say_what_an_array_is(tmp_path):
     data = load(tmp_path / "a.h5")
     np.testing.assert_allclose(data.X, [W, W], rtol=1e-15)
     assert (data.y.tolist(), data.sessions.tolist()) == (["peas", "rice"], ["day of peas", "day of rice"])
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["rice/1"].attrs["units"] = "mN,mN,mN,N mm,N mm,N mm"
+        file["peas/1"].attrs["units"] = "mN,mN m"
+    np.testing.assert_allclose(load(tmp_path / "a.h5").X, [W, W], rtol=1e-15)
+    for layout in ((0, 2, 1), (1, 0, 2)):
+        with h5py.File(tmp_path / "b.h5", "w") as file:
+            file["wrench"], file["material"] = 1000 * X.transpose(layout), LABELS
+            file["wrench"].attrs["units"], file["wrench"].attrs["fs"] = "mN,mN m", 500
+        data = run(lines_of(refusal(tmp_path / "b.h5"))[0], rate_hz=None)
+        np.testing.assert_allclose(data.X, X, rtol=1e-15)
+        assert (data.y.tolist(), data.rate_hz) == (LABELS, 500)
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_forces_and_torques_with_a_clock_keep_it(tmp_path, form):
+    for i, (samples, label) in enumerate(zip(X, LABELS, strict=True)):
+        tree = {"F": samples[:, :3], "M": samples[:, 3:], "t": T, "material": label, "session": DAYS[i]}
+        WRITERS[form](tree, tmp_path / f"trial{i}.{form.removeprefix('v73.')}")
+    data = run(lines_of(refusal(tmp_path))[0], rate_hz=None)
+    np.testing.assert_array_equal(data.X, X)
+    assert (data.y.tolist(), data.sessions.tolist(), data.rate_hz) == (LABELS, DAYS, 500)
 
 
 @pytest.mark.parametrize("link", ["soft", "external", "external data"])

@@ -79,6 +79,11 @@ def in_tabs(text):
     return [line.replace(",", "\t") for line in text]
 
 
+def in_semicolons(text):
+    return [line.replace(",", ";").replace(".", ",") for line in text]
+
+
+IN_NMM = lines(table(scale=[1, 1, 1, 1e3, 1e3, 1e3]))
 IN_MN = ["Y_Unit_Label", *["mN"] * 3, *["N mm"] * 3]
 IN_POUNDS = [1 / POUND] * 3 + [1 / INCH_POUND] * 3
 SAID = {"UNITS": "lbf,in-lb"}
@@ -94,6 +99,7 @@ CASES = {
         {},
     ),
     "a maker's export": (maker(), [], {}),
+    "German titles with units": (["Einheit Kraft;N", "Einheit Drehmoment;Nmm", "", *in_semicolons(IN_NMM)], [], {}),
     "names again in the middle": ([*lines(table())[:30], ",".join(["time", *AXES]), *lines(table())[30:]], [], {}),
     "a title above": (["Rig 3, gain 2", *lines(table())], [], {}),
     "a cell of text": (with_cell(7, "fz", "OVERLOAD"), [7], {}),
@@ -150,6 +156,7 @@ LONG = {
     "nothing but the material": {"material": lambda i, name: name},
     "names of files": {"file": lambda i, name: f"{name}_{i}.csv"},
     "trial and material": {"trial": lambda i, name: i, "powder": lambda i, name: name},
+    "days of several pushes": {"date": lambda i, name: "ab"[i // 2], "material": lambda i, name: "rice"},
     "trials of names": {"trial": lambda i, name: f"{name}_{i}"},
     "person and material": {
         "no": lambda i, name: i,
@@ -176,9 +183,24 @@ def test_what_a_long_table_prints_gives_recordings_and_labels(tmp_path, case, en
     path = tmp_path / f"all.{ending}"
     whole.to_csv(path, index=False) if ending == "csv" else whole.to_parquet(path)
     data, n = next(ways(path if alone else tmp_path, {}))
-    known = ["0", "1"] * 2 if case == "material as a number" else labels
+    known = {"material as a number": ["0", "1"] * 2, "days of several pushes": ["rice"] * 4}.get(case, labels)
     assert (data.y.tolist(), n) == (known, 1)
     np.testing.assert_allclose(data.X, [W + i for i in range(4)], atol=1e-9)
+
+
+def test_a_file_with_five_faults_names_the_label_too(tmp_path):
+    whole = pd.concat(
+        [
+            table(W + i, time=np.arange(60) / RATE)
+            .rename(columns={"time": "Zeit"})
+            .assign(Versuch=i, Schüttgut=name)
+            for i, name in enumerate(["Grieß", "Reis"] * 2)
+        ]
+    )
+    rows = in_semicolons(whole.to_csv(index=False).splitlines())
+    (tmp_path / "all.csv").write_text("\n".join(["Versuchsreihe;A", *rows, ""]), encoding="cp1252")
+    data, n = next(ways(tmp_path, {}))
+    assert (data.y.tolist(), n) == (["Grieß", "Reis"] * 2, 1)
 
 
 def test_several_columns_that_may_be_labels_are_all_offered(tmp_path):
