@@ -358,7 +358,10 @@ class _Part:
             if name not in self._picked.called.values() and cells.dtype.kind in "iuOUT"
         }
         ids = [name for name, changes in others.items() if changes and changes | known == begins]
-        ids = ids or _ids(self._table, self._picked, self._rows, begins)
+        days = [name for name in ids if SESSION_NAMES.fullmatch(name)]
+        if RECORDING in self._columns and SESSION not in self._columns and days:  # trials counted anew each day
+            return ("; pass ", in_both(session=f"column:{days[0]}")), ""
+        ids = sorted(ids, key=days.__contains__) or _ids(self._table, self._picked, self._rows, begins)
         if not ids:
             return (), ANEW.format(stamps=f"f[{self._picked.called[TIME]!r}]")
         return ("; pass ", in_both(id=ids[0])), ""

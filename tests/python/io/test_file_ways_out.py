@@ -156,6 +156,11 @@ LONG = {
     "nothing but the material": {"material": lambda i, name: name},
     "names of files": {"file": lambda i, name: f"{name}_{i}.csv"},
     "trial and material": {"trial": lambda i, name: i, "powder": lambda i, name: name},
+    "trials counted anew each day": {
+        "day": lambda i, name: f"2025-03-0{1 + i // 2}",
+        "material": lambda i, name: name,
+        "trial": lambda i, name: 1,
+    },
     "days of several pushes": {"date": lambda i, name: "ab"[i // 2], "material": lambda i, name: "rice"},
     "trials of names": {"trial": lambda i, name: f"{name}_{i}"},
     "person and material": {
