@@ -67,7 +67,7 @@ _MARKS = {
 _SEP_LINE = re.compile(r'"?sep=(.)"?')
 _KINDS = r"\b(force|kraft|torque|moment|drehmoment)e?s?"
 _UNITS_ABOVE = re.compile(
-    rf'(?:{_KINDS}[\s-]*(?:units?|einheit)\W+|\b(?:units?|einheit)\s+{_KINDS}\s*"?[:;=,\t]\W*)(\w[^;,"\t]*)',
+    rf'(?:{_KINDS}[\s-]*(?:units?|einheit)\W+|\beinheit\s+{_KINDS}\s*"?[:;=,\t]\W*)(\w[^;,"\t]*)',
     re.IGNORECASE,
 )
 _SOME_UNITS = re.compile(r"\W*(?:units?|einheit(?:en)?)\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)

@@ -359,7 +359,9 @@ class _Part:
         }
         ids = [name for name, changes in others.items() if changes and changes | known == begins]
         days = [name for name in ids if SESSION_NAMES.fullmatch(name)]
-        if RECORDING in self._columns and SESSION not in self._columns and days:  # trials counted anew each day
+        if (
+            RECORDING in self._columns and SESSION not in self._columns and days
+        ):  # trials counted anew each day
             return ("; pass ", in_both(session=f"column:{days[0]}")), ""
         ids = sorted(ids, key=days.__contains__) or _ids(self._table, self._picked, self._rows, begins)
         if not ids:
