@@ -51,6 +51,7 @@ def content_of(
     found, notes = reading.found()
     tables = [table for one in found for table in reading.tables(one)]
     reading.refuse_labels_unread(tables)
+    reading.refuse_recordings_in_rows(found)
     places = [
         f"{how.kind} {table.name}" if len(tables) > 1 else f"{how.kind} {found[0].path}" for table in tables
     ]
@@ -258,6 +259,27 @@ class _Reading:
         if rules and (len(tables) > 1 or self._source.label_known is None):
             names = ", ".join(repr(rule.removeprefix("column:")) for rule in rules)
             raise self.fault(f"{names:.200} may be the labels, which are read from 'y' only")
+
+    def refuse_recordings_in_rows(self, found: Sequence[Found]) -> None:
+        """Refuse one array of samples beside which whole numbers, a value a row, change in stretches."""
+        if len(found) > 1 or len(found[0].leaf.shape) != 2 or self._options.array is not None:
+            return
+        n, counts = found[0].leaf.shape[0], []
+        for one in self._leaves:
+            is_id = (
+                one.leaf.values.dtype.kind in "iu"
+                and one.name.lower() not in _KNOWN
+                and one.leaf.shape == (n,)
+            )
+            n_changes = np.count_nonzero(np.diff(one.leaf.read())) if is_id else 0
+            if 0 < n_changes < n / 5 and len(np.unique(one.leaf.read())) == n_changes + 1:
+                counts.append(one)
+        if counts and (lines := self.remedy.apart(found, counts[0])):
+            problem = (
+                f"{counts[0].path} may count recordings, of which {found[0].path} holds the samples in rows"
+            )
+            parts = (f"{problem}; if not, pass ", in_both(array=found[0].path), *lines)
+            raise RecordingFileError(self._source.path, parts)
 
     def days_beside(self, found: Sequence[Found], tables: Sequence[Table]) -> dict[str, list[str]]:
         """Return what is called like days beside the recordings, with a text for each, where no session is known."""

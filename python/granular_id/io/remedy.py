@@ -252,6 +252,14 @@ class Remedy:
 
         return lines
 
+    def apart(self, found: Sequence[Found], counted: Found) -> list[str]:
+        """Return the lines that read one array as a table of the recordings that another counts, a row each."""
+        size = found[0].leaf.shape[0]
+        mend = f".assign(recording=numpy.ravel({self._how.item(counted)})"
+        label = next((one for one in self._labels if one.leaf.shape == (size,)), None)
+        mend += ")" if label is None else f", label={self._how.label(label)})"
+        return self.mended(found)(mend)
+
     # options, each tried
 
     def _options(self, read: Callable[[LoadOptions], Sequence[Table]]) -> list[str]:
@@ -448,7 +456,8 @@ class Remedy:
         if not whole:
             return []
         X, n = next(iter(whole.values()))
-        y, days, units = self._label_beside(n or 1), "", ()
+        y, days = self._label_beside(n or 1), ""
+        units: tuple[Found, ...] = ()
         is_beside = bool(y)
         if list(whole) != [""]:
             if self._how.is_flat:

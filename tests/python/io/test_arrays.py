@@ -571,3 +571,14 @@ def test_rows_of_one_recording_each_have_both_readings(tmp_path, n):
     by_axis, by_sample = map(run, lines_of(problem))
     np.testing.assert_array_equal(by_axis.X, whole)
     assert by_sample.X.shape == whole.shape
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_rows_of_counted_recordings_raise_a_question(tmp_path, form):
+    for label in ("rice", "peas"):
+        tree = {"X": X[:2].reshape(-1, 6), "push": np.repeat([1, 2], 50), "fs": 500}
+        WRITERS[form](tree, tmp_path / f"{label}_1.{form.removeprefix('v73.')}")
+    data = run(lines_of(refusal(tmp_path))[0])
+    np.testing.assert_array_equal(data.X, [*X[:2], *X[:2]])
+    assert data.y.tolist() == ["peas", "peas", "rice", "rice"]
+    assert len(load(tmp_path, array="X")) == 2
