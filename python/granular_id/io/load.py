@@ -483,7 +483,7 @@ def _refuse_labels_unread(made: Made, content: FileContent, source: FileSource) 
         return
     if ways := _ways_to_labels(made.may_be_labels, source):
         raise RecordingFileError(source.path, ways)
-    if made.may_be_several and source.label_else is None:
+    if made.may_be_several and source.label_known is None:
         columns = ", ".join(repr(way["label"].removeprefix("column:")) for way in made.may_be_several)
         problem = f"{columns} may hold the labels of several recordings: pass "
         ways = alternatives(in_both(**way) for way in (*made.may_be_several, {"label": source.place_rule}))
