@@ -106,6 +106,7 @@ fuzz_target!(|data: &[u8]| {
                         n_axes: 0,
                         n_samples: 0,
                         rate_hz: 0.0,
+                        lead_s: 0.0,
                         synthetic: false,
                     };
                     let status = gid_model_get_info(model, bytes.pointer(&raw mut info));
