@@ -19,24 +19,12 @@ from numpy.typing import NDArray
 
 from granular_id._text import UNITS, alternatives, in_both
 from granular_id.io.files import RecordingFileError
-from granular_id.io.remedy import (
-    BESIDE,
-    MOST_DEEP,
-    MOST_LISTED,
-    SIGNAL,
-    Chain,
-    Found,
-    Leaf,
-    Opening,
-    Remedy,
-    label_levels,
-    without_number,
-)
+from granular_id.io.leaves import BESIDE, MOST_DEEP, PLACE, Chain, Found, Leaf, Opening
+from granular_id.io.remedy import MOST_LISTED, SIGNAL, Remedy, label_levels, without_number
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSource, LoadOptions
 from granular_id.recording import AXES, SESSION_NAMES, Table, cell_text, units_by_axis
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
-_PLACE = re.compile(r"\[\d+\]")
 _UNIT = re.compile(r"(^|_)units?(_|$)", re.IGNORECASE)
 
 
@@ -93,7 +81,7 @@ class _Reading:
             named = [
                 one
                 for one in self._leaves
-                if one.path == wanted or f"/{re.sub(_PLACE, '', one.path)}".endswith(f"/{wanted}")
+                if one.path == wanted or f"/{PLACE.sub('', one.path)}".endswith(f"/{wanted}")
             ]
             found = [one for one in named if len(one.leaf.shape) in (2, 3)]
             if not found:

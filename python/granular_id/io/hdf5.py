@@ -10,7 +10,7 @@ import numpy as np
 
 from granular_id.io.arrays import content_of
 from granular_id.io.files import RecordingFileError, need
-from granular_id.io.remedy import MOST_DEEP, Leaf, Opening
+from granular_id.io.leaves import MOST_DEEP, Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 
 _OPENING = Opening("data set", "h5py.File({})", "[()]", "numpy.ravel({}.asstr()[()])")

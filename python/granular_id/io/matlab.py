@@ -11,7 +11,7 @@ import numpy as np
 from granular_id.io.arrays import content_of
 from granular_id.io.files import RecordingFileError
 from granular_id.io.hdf5 import opened
-from granular_id.io.remedy import MOST_DEEP, Leaf, Opening
+from granular_id.io.leaves import MOST_DEEP, Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 
 _V73 = Opening(

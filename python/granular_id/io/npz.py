@@ -20,7 +20,7 @@ from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays import content_of
 from granular_id.io.files import RecordingFileError
 from granular_id.io.flat import NUMBERS, OPTIONAL, TEXTS, flatten, unflatten
-from granular_id.io.remedy import Leaf, Opening
+from granular_id.io.leaves import Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.ways_out import in_python, is_clock
 from granular_id.recording import Dataset

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import groupby, permutations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granular_id._text import RATE, alternatives, in_both
 from granular_id.io.files import RecordingFileError
+from granular_id.io.leaves import BESIDE, PLACE, Found, Leaf, Opening, indexed
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions, likeliest_first
 from granular_id.io.ways_out import in_python_each, paths_line, places_of
 from granular_id.recording import AXES, LABEL_NAMES, Table, meaning_of
 
 MOST_LISTED = 8
-MOST_DEEP = 12
-"""Groups in groups that are looked into."""
 
 _RATES = re.compile(r"fs|(sampl(e|ing)_?)?(rate|freq(uency)?)(_?hz)?", re.IGNORECASE)
 _PARTS = (("force", "forces", "f"), ("torque", "torques", "moment", "moments", "tau", "t", "m"))
@@ -35,106 +33,9 @@ SIGNAL = re.compile(
 _NO_LABELS = ("axes", "units", "session", "name")
 _OWN = "what the file says"
 
-_PLACE = re.compile(r"\[\d+\]$")
+_LAST_PLACE = re.compile(r"\[\d+\]$")
 
 _COUNTED = re.compile(r"(.*?)[\s_.-]*\d+")
-
-BESIDE = {
-    "y": ("y",),
-    "rate_hz": ("fs", "rate_hz"),
-    "session": ("session",),
-    "name": ("name",),
-    "lengths": ("lengths",),
-    "axes": ("axes",),
-    "units": ("units",),
-    "t": ("t", "time"),
-}
-"""What stands beside samples, and its names, in small or large letters."""
-
-Chain = tuple[Mapping[str, Any], ...]
-"""The groups around an array, the innermost first."""
-
-
-@dataclass
-class Leaf:
-    """An array of a file: `values[()]` gives all of it; `about` is what its attributes say."""
-
-    values: Any
-    about: dict[str, Any] = field(default_factory=dict)
-    is_attribute: bool = False
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Lengths of its dimensions."""
-        return tuple(self.values.shape)
-
-    @property
-    def is_numbers(self) -> bool:
-        """Whether it holds real numbers."""
-        return bool(self.values.dtype.kind in "iuf")
-
-    @property
-    def is_text(self) -> bool:
-        """Whether it holds texts."""
-        return bool(self.values.dtype.kind in "US")
-
-    def read(self) -> NDArray[Any]:
-        """Return its values."""
-        return np.asarray(self.values[()])
-
-
-@dataclass
-class Found:
-    """An array of a file, its name, and the groups around it; `label` is what its name says."""
-
-    path: str
-    leaf: Leaf
-    chain: Chain
-    label: str | None = None
-
-    @property
-    def name(self) -> str:
-        """Its name without those of the groups."""
-        return self.path.rpartition("/")[2]
-
-    @property
-    def parent(self) -> str:
-        """The group that it lies in."""
-        return self.path.rpartition("/")[0]
-
-
-@dataclass(frozen=True)
-class Opening:
-    """How people open a kind of file: `kind` is what an array is called, `line` is formatted with the path."""
-
-    kind: str
-    line: str
-    ending: str = ""  # behind the name of an array: [()] reads an HDF5 data set
-    texts: str = "numpy.ravel({})"  # labels, of the expression without the ending
-    is_flat: bool = False  # whether names hold those of their groups: f['a/b'], not f['a']['b']
-    by_reference: bool = False  # whether cells and structs hold references, which no line follows
-
-    def item(self, one: Found, within: str = "") -> str:
-        """Return the expression for an array; `within`: of one called r, which lies in such a group."""
-        if self.is_flat:
-            return f"f[{one.path!r}]"
-        *groups, last = one.path.removeprefix(within).strip("/").split("/")
-        text = ("r" if within else "f") + "".join(map(_indexed, groups))
-        return f"{text}.attrs[{last!r}]" if one.leaf.is_attribute else text + _indexed(last) + self.ending
-
-    def label(self, one: Found, within: str = "") -> str:
-        """Return the expression for texts, or numbers, as labels."""
-        item, is_plain = self.item(one, within), one.leaf.is_numbers or one.leaf.is_attribute
-        text = f"numpy.ravel({item})" if is_plain else self.texts.format(item.removesuffix(self.ending))
-        if self.by_reference and one.leaf.is_text and not one.leaf.shape:  # a text is its characters' codes
-            text = f"[''.join(map(chr, {item.removesuffix(self.ending)}[()].ravel()))]"
-        return f"{text}[0]" if within else text
-
-
-def _indexed(part: str) -> str:
-    """Return how a part of a path is taken: ``['rec'][3]`` of ``rec[3]``."""
-    name, bracket, places = part.partition("[")
-    return (f"[{name!r}]" if name else "") + bracket + places
 
 
 class _Call(NamedTuple):
@@ -271,7 +172,7 @@ class Remedy:
             return ["; pass ", *alternatives(in_both(**way) for way, _ in tried)]
         ways: dict[str, list[tuple[dict[str, Any], str | None]]] = {}
         for one in [*self._in_order, *with_time]:
-            name = re.sub(r"\[\d+\]", "", one.name)
+            name = PLACE.sub("", one.name)
             if name not in ways and len(ways) < MOST_LISTED:
                 axes = timed if one in with_time else self._given.axes
                 tried = self._tried(replace(self._given, array=name, axes=axes), read)
@@ -515,14 +416,16 @@ class Remedy:
 
         Those that hold no samples in `array`, or no label, are left out.
         """
-        base = _PLACE.sub("", places[0])
+        base = _LAST_PLACE.sub("", places[0])
         own = next((one for one in self._labels if one.parent == places[0]), None)
         empty = {
             one.parent for one in self._labels if own and one.name == own.name and not np.prod(one.leaf.shape)
         }
-        if all(_PLACE.sub("", place) == base for place in places) and base != places[0]:
-            loop = f"for r in f{''.join(map(_indexed, base.split('/')))}"
-            every = {one.parent for one in self._every if one.parent and _PLACE.sub("", one.parent) == base}
+        if all(_LAST_PLACE.sub("", place) == base for place in places) and base != places[0]:
+            loop = f"for r in f{''.join(map(indexed, base.split('/')))}"
+            every = {
+                one.parent for one in self._every if one.parent and _LAST_PLACE.sub("", one.parent) == base
+            }
             conditions = []
             if array is not None and every - set(places):
                 axis = array.leaf.shape.index(len(self._known))
@@ -533,7 +436,7 @@ class Remedy:
                 conditions += [f"numpy.size({self._how.item(own, places[0])})"]
             loop += f" if {' and '.join(conditions)}" * bool(conditions)
         else:
-            items = [f"f{''.join(map(_indexed, place.split('/')))}" for place in places if place not in empty]
+            items = [f"f{''.join(map(indexed, place.split('/')))}" for place in places if place not in empty]
             loop = f"for r in [{', '.join(items)}]"
         if own is not None:
             return loop, f"[{self._how.label(own, places[0])} {loop}]", True
@@ -566,18 +469,13 @@ class Remedy:
         if n < 2 or not (y := self._label_beside(n)):
             return []
         first, second = self._known[:2]
-        by_axis = f"{item}.reshape(len({item}), {n_axes}, -1).transpose(0, 2, 1)"
+        readings = {
+            f"{item}.reshape(len({item}), {n_axes}, -1).transpose(0, 2, 1)": f"all {first}, then all {second}",
+            f"{item}.reshape(len({item}), -1, {n_axes})": f"sample after sample, each of {n_axes} axes",
+        }
         days = self._sessions(n)
-        by_sample = f"{item}.reshape(len({item}), -1, {n_axes})"
         return [
-            _Call(by_axis, y, f"a row holds all {first}, then all {second}", is_beside=True, sessions=days),
-            _Call(
-                by_sample,
-                y,
-                f"a row holds sample after sample, each of {n_axes} axes",
-                is_beside=True,
-                sessions=days,
-            ),
+            _Call(X, y, f"a row holds {how}", is_beside=True, sessions=days) for X, how in readings.items()
         ]
 
     def _turned(self) -> list[_Call]:
@@ -657,7 +555,7 @@ def label_levels(paths: Sequence[str], *, own: bool = False) -> list[list[str]]:
 
     `own`: the name of the array itself is the last level.
     """
-    split = [re.sub(r"\[\d+\]", "", path).split("/")[: None if own else -1] for path in paths]
+    split = [PLACE.sub("", path).split("/")[: None if own else -1] for path in paths]
     levels = []
     for names in zip(*split, strict=False):
         stems = [_stem(name) for name in names]
