@@ -1,4 +1,4 @@
-"""Text tables: one recording or many in a file, read by pandas; and the folder of such files that is written.
+"""Text tables: one recording or many in a file, read by pandas.
 
 One row a sample. The names of the columns stand in line 1, or where options of ``pandas.read_csv`` say; those that are
 known stand in ``recording/columns.py``. A line 2 whose cells are all units states them.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import codecs
 import csv
 import gzip
-import json
 import os
 import re
 import sys
@@ -24,24 +23,15 @@ from typing import IO, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import thaw
-from granular_id._core import GranularIdError
-from granular_id._progress import ProgressCallback
 from granular_id._text import UNITS, counted, in_both
-from granular_id.io.files import RecordingFileError, need, new_folder, safe_name
-from granular_id.io.flat import checked_dataset
-from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR, write_history
+from granular_id.io.files import RecordingFileError, need
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.ways_out import frames_line, is_clock
 from granular_id.recording import (
-    ABOUT,
     AXES,
-    FLAGS,
     LABEL,
     RECORDING,
     SESSION,
-    Dataset,
-    Recording,
     Table,
     TableError,
     columns_of,
@@ -53,6 +43,9 @@ _SEPARATORS = (",", ";", "\t", "|")
 _BY_WIDTH = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}
 _FEW, _MOST_NAMED = 20, 20
 """Rows that are enough to see what a table without axes holds."""
+
+_LONGEST_ROW = 1 << 16
+"""Bytes at the end of a text in which its last row is looked for."""
 
 _HEAD_LINES = 60
 """Lines in which names of columns are looked for, for an error."""
@@ -73,7 +66,9 @@ _UNITS_ABOVE = re.compile(
 _SOME_UNITS = re.compile(r"\W*(?:units?|einheit(?:en)?)\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
 _NUMERIC = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
 _COMMENTS = ("#", "%", "!", "/")
-_UNNAMED = re.compile(r"Unnamed: (\d+)")
+UNNAMED = re.compile(r"Unnamed: (\d+)")
+"""What pandas calls a column without a name."""
+
 _NO_AXIS = re.compile(
     r"(id|no|nr|num(ber)?|index|idx|count(er)?|seq|rows?|line|step|frame|sample|trial|run|push|rep|versuch|lauf|ensayo|"
     r"pos(e|ition)?|dist(ance)?|depth|vel(ocity)?|speed|joints?|quat(ernion)?|angle|q|[xyz]|"
@@ -259,21 +254,30 @@ def _opened(path: Path, mode: str, **how: Any) -> IO[Any]:
 def _both_ends(path: Path) -> tuple[bytes, bool]:
     """Return the first four bytes of a text, and whether its last line has an end."""
     is_packed = path.suffix.lower() == ".gz"
-    try:
-        with _opened(path, "rb") as file:
-            begins = file.read(4)
-            if begins and not is_packed:
-                file.seek(-min(4, path.stat().st_size), os.SEEK_END)
-            return begins, is_packed or file.read().rstrip(b"\0").endswith((b"\n", b"\r"))
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingFileError(path, f"cannot be read: {error}") from error
+    begins, end = _bytes_of(path, 0 if is_packed else 4)
+    return begins, is_packed or end.rstrip(b"\0").endswith((b"\n", b"\r"))
 
 
 def last_width(path: Path) -> int | None:
     """Return how many cells the last row of a text has; None of those with fewer than there are axes."""
-    last = next(reversed([line for line in _lines(path, None, sys.maxsize) if line.strip()]), "")
+    lines = _bytes_of(path, _LONGEST_ROW)[1].decode(errors="replace").splitlines()
+    last = next((line for line in reversed(lines) if line.strip()), "")
     width = max(last.count(separator) for separator in _SEPARATORS) + 1
     return width if width >= len(AXES) else None
+
+
+def _bytes_of(path: Path, n_last: int) -> tuple[bytes, bytes]:
+    """Return the first four bytes of a text and the last n; of a packed one, which has no end to go to, all."""
+    try:
+        with _opened(path, "rb") as file:
+            begins = file.read(4)
+            if path.suffix.lower() == ".gz":
+                file.seek(0)
+            else:
+                file.seek(-min(n_last, path.stat().st_size), os.SEEK_END)
+            return begins, file.read() if n_last else b""
+    except (OSError, EOFError, zlib.error) as error:
+        raise RecordingFileError(path, f"cannot be read: {error}") from error
 
 
 def _lines(path: Path, encoding: object, n: int) -> Iterator[str]:
@@ -345,7 +349,7 @@ def _columns(frame: Any, head: _Head) -> tuple[Columns, list[str]]:
         name = str(label).strip()
         name = name.lstrip("#% ") if i == 0 else name
         cells = frame.iloc[:, i].to_numpy()
-        if _UNNAMED.fullmatch(name) is None:
+        if UNNAMED.fullmatch(name) is None:
             columns[name] = cells
         elif (
             i == 0
@@ -562,82 +566,3 @@ def _axes_given(pandas: Any, head: _Head) -> list[str]:
             f"; axes= names those of its columns that are the axes, in the order fx to tz (--axes): {shown}"
         ]
     return ["; for other axes pass ", in_both(axes=",".join(names), **clock)] if names else []
-
-
-def save_csv(
-    dataset: Dataset, folder: str | os.PathLike[str], *, progress: ProgressCallback | None = None
-) -> Path:
-    """Write a folder of CSV files with an ``index.csv``, which names the axes where they are no wrench's.
-
-    Samples have as many digits as float64 needs. Units in ``meta["units"]`` stand in line 1, ``wx [rad/s]``.
-    `progress` is called after each file.
-    """
-    usual = all(recording.axes == AXES for recording in checked_dataset(dataset))
-    digits = len(str(len(dataset)))
-    with new_folder(folder) as partial:
-        with (partial / INDEX_NAME).open("w", encoding="utf-8", newline="") as file:
-            index = csv.writer(file, lineterminator="\n")
-            index.writerow(INDEX_COLUMNS[: -1 if usual else None])
-            for number, recording in enumerate(dataset, start=1):
-                part = safe_name(recording.label)
-                (partial / part).mkdir(exist_ok=True)
-                name = f"{part}/{part}_{number:0{digits}d}.csv"
-                _write(recording, partial / name)
-                row = _index_row(name, recording)
-                index.writerow(row if usual else [*row, json.dumps(recording.axes, ensure_ascii=False)])
-                if progress is not None:
-                    progress(number, len(dataset), name)
-        write_history(dataset, partial)
-    return Path(folder)
-
-
-def _index_row(file: str, recording: Recording) -> list[str]:
-    return [
-        file,
-        recording.label or "",
-        recording.session or "",
-        "" if recording.start_time is None else repr(recording.start_time),
-        IRREGULAR if recording.rate_hz is None else repr(recording.rate_hz),
-        "" if recording.trigger_index is None else str(recording.trigger_index),
-        recording.name,
-        json.dumps(thaw(recording.meta)) if recording.meta else "",
-    ]
-
-
-def _heads(recording: Recording) -> Sequence[str]:
-    """Name the columns of the axes, with their units where these are stated and are not those of a wrench."""
-    axes, units = recording.axes, recording.meta.get("units")
-    wrong = next(
-        (one for one in axes if set(one) & set(',"\n#') or one in ABOUT or _UNNAMED.fullmatch(one)), None
-    )
-    if wrong is not None:
-        problem = (
-            f"recording {recording.name!r} has the axis {wrong!r}, which cannot stand in line 1 of a CSV file"
-        )
-        raise GranularIdError(f"{problem}; name it otherwise, or save npz")
-    stated = units if isinstance(units, Mapping) else {}
-    own = [None if axis in AXES else stated.get(axis) for axis in axes]
-    heads = [
-        f"{axis} [{unit}]" if isinstance(unit, str) else axis for axis, unit in zip(axes, own, strict=True)
-    ]
-    try:
-        found = columns_of(tuple(heads), axes)
-    except TableError:
-        return axes
-    back = all(found[axis] == head for axis, head in zip(axes, heads, strict=True))
-    units_back = all(
-        meaning_of(head).unit == (None if head == axis else unit)
-        for head, axis, unit in zip(heads, axes, own, strict=True)
-    )
-    return heads if back and units_back and "," not in "".join(heads) else axes
-
-
-def _write(recording: Recording, path: Path) -> None:
-    header = ["time", *_heads(recording)]
-    columns = [recording.times(), *recording.wrench.T]
-    cells = [list(map(repr, column.tolist())) for column in columns]
-    if recording.flags is not None:
-        header.append(FLAGS)
-        cells.append(list(map(str, recording.flags.tolist())))
-    lines = map(",".join, zip(*cells, strict=True))
-    path.write_text("\n".join([",".join(header), *lines, ""]), encoding="utf-8", newline="\n")

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback, showing
-from granular_id.io.csv import read_csv, save_csv
+from granular_id.io.csv import read_csv
+from granular_id.io.csv_saving import save_csv
 from granular_id.io.files import RecordingFileError, check_room
 from granular_id.io.flat import checked_dataset
 from granular_id.io.hdf5 import read_hdf5

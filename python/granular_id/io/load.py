@@ -270,7 +270,7 @@ class _Reading:
         self._problems: list[RecordingFileError] = []
         self._n_reported = 0
         self._beside: list[tuple[RecordingFileError, FileSource]] = []  # files that hold none of the axes
-        self._places_said = False
+        self._places_noted = False
         known_names = {known.name for known in formats}
         for name, (what, wanted) in _OF_FORMATS.items():  # options that would change nothing
             if formats and getattr(options, name) is not None and known_names.isdisjoint(wanted):
@@ -297,7 +297,7 @@ class _Reading:
                     callback(done, len(found.files), source.name)
         if not nothing:
             self._refuse_alike()
-        if nothing:
+        else:
             every = [*problems, *(error for error, _ in self._beside)]
             if self._alone or not skips:
                 first = every[0]
@@ -342,10 +342,12 @@ class _Reading:
 
     def _refuse_alike(self) -> None:
         """Refuse files that hold none of the axes, where those that were read make recordings of them; or skip them."""
+        if not self._beside:
+            return
         beside = [source for _, source in self._beside]
         others = [source for source in self._found.files if source not in beside]
-        series = {_series(source) for source in others} if beside else set()
-        widths = {_row_width(source) for source in others} - {None} if beside else set()
+        series = {_series(source) for source in others}
+        widths = {_row_width(source) for source in others} - {None}
         alike = [
             (error, source)
             for error, source in self._beside
@@ -397,7 +399,7 @@ class _Reading:
         first = list(notes)
         notes = [note if count == 1 else f"{note} ({count} files)" for note, count in counts.items()]
         notes = [*self._found.notes, *notes]
-        if not self._places_said:  # with the first piece, for all
+        if not self._places_noted:  # with the first piece, for all
             places = [_place_note(what, reads, self._alone) for what in ("label", "session")]
             places.append(_other_sessions(reads))
             notes = [*first, *filter(None, places), *notes]
@@ -405,7 +407,7 @@ class _Reading:
             names = [source.path.name for _, source in self._beside]
             orders.insert(0, f"not read, as they hold none of the axes: {listed(names)}")
         notes = [*orders, *notes]
-        self._places_said = True
+        self._places_noted = True
         given = {one.name: getattr(self._options, one.name) for one in fields(LoadOptions) if one.init}
         if given["csv"] is not None:
             given["csv"] = {key: repr(value) for key, value in given["csv"].items()}

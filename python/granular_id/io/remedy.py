@@ -142,7 +142,7 @@ class Remedy:
     def mended(self, found: Sequence[Found]) -> Callable[[str], list[str]]:
         """Return what gives the lines that read arrays as tables, each mended by methods of a data frame."""
         if self._how.by_reference and "[" in found[0].path:
-            return lambda mend: []  # noqa: ARG005
+            return lambda _mend: []
         named = _runs([one.label for one in found]) if any(one.label for one in found) else ""
         call = next(iter(self._listed(found)), None) or _Call(self._list_of(found))
         _ = self._rate  # while the file is open

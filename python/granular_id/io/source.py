@@ -166,5 +166,5 @@ class FileContent:
     history: Sequence[StepReport] = ()
     may_be_labels: Mapping[str, list[str]] = field(default_factory=dict)  # as in `Made`
     may_be_sessions: dict[str, list[str]] = field(default_factory=dict)
-    place: Callable[[int, int | None], dict[str, Any]] = lambda table, row: {}  # noqa: ARG005
-    in_python: Callable[[str], Sequence[str]] = lambda mend: ()  # noqa: ARG005
+    place: Callable[[int, int | None], dict[str, Any]] = lambda _table, _row: {}
+    in_python: Callable[[str], Sequence[str]] = lambda _mend: ()

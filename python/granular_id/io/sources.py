@@ -209,7 +209,7 @@ def _walk(root: Path, found: Sources, stated: dict[str, Any]) -> None:
 
 def placed(source: FileSource, options: LoadOptions, path: Path, *, alone: bool = False) -> FileSource:
     """Put in what the options say by the place of a file."""
-    known: dict[str, str] = {}
+    known: dict[str, Any] = {}
     for what in ("label", "session"):
         rule = getattr(options, what)
         if rule is None:
@@ -231,7 +231,7 @@ def placed(source: FileSource, options: LoadOptions, path: Path, *, alone: bool 
                 of_label = {"folder": path.parent, "parent": path.parent.parent}.get(label_rule)
                 above = [one for one in (folder, *folder.parents) if root in one.parents and one != of_label]
                 known[what] = "/".join(one.name for one in reversed(above)) or folder.name
-    return replace(source, **known)  # type: ignore[arg-type]
+    return replace(source, **known)
 
 
 def label_of(path: Path) -> str | None:
