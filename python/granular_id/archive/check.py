@@ -118,36 +118,34 @@ def check(
         if not problems:  # it is no archive
             raise
         return CheckReport(folder, 0, tuple(problems), tuple(_leftovers(folder)))
-    unreadable: list[int] = []
     with showing(progress) as step:
         ticker = Ticker(len(opened.row_groups), step)
 
-        def checked(group: RowGroup) -> RecordingFileError | None:
-            problem = _problem_of(opened, group, unreadable)
+        def checked(group: RowGroup) -> tuple[RecordingFileError | None, int]:
+            found = _problem_of(opened, group)
             ticker.tick(group.file)
-            return problem
+            return found
 
         found = spread(checked, opened.row_groups, effective_n_jobs(n_jobs))
     # Of a whole file once.
-    problems += {str(problem): problem for problem in found if problem is not None}.values()
+    problems += {str(problem): problem for problem, _ in found if problem is not None}.values()
     problems += _doubles(opened)
-    leftovers = tuple(_leftovers(folder))
-    return CheckReport(folder, opened.n_recordings, tuple(problems), leftovers, sum(unreadable))
+    leftovers, n_unreadable = tuple(_leftovers(folder)), sum(n for _, n in found)
+    return CheckReport(folder, opened.n_recordings, tuple(problems), leftovers, n_unreadable)
 
 
-def _problem_of(archive: Archive, group: RowGroup, unreadable: list[int]) -> RecordingFileError | None:
-    """Return what is wrong with a row group; where it cannot be read its size joins a list."""
+def _problem_of(archive: Archive, group: RowGroup) -> tuple[RecordingFileError | None, int]:
+    """Return what is wrong with a row group, and how many of its recordings cannot be decoded."""
     try:
         recordings = archive.read(group).recordings
     except RecordingFileError as error:
-        unreadable.append(group.stop - group.start)
-        return error
+        return error, group.stop - group.start
     stored = archive.index["digest"].slice(group.start, len(recordings)).to_pylist()
     wrong = [one.name for one, known in zip(recordings, stored, strict=True) if digest_of(one) != known]
     if not wrong:
-        return None
+        return None, 0
     which = f"{counted(len(wrong))} of {len(stored)} {verb(len(wrong), 'has', 'have')} another digest"
-    return _problem(archive, group, f"{which} than {index_of(group.file)} says, the first is", wrong[0])
+    return _problem(archive, group, f"{which} than {index_of(group.file)} says, the first is", wrong[0]), 0
 
 
 def _problem(archive: Archive, group: RowGroup, what: str, name: str) -> RecordingFileError:

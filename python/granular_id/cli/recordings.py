@@ -154,6 +154,8 @@ def _prepared(path: Path) -> str:
 
 def _unprepared(data: Dataset, path: Path | None) -> WayOutError:
     """Return the refusal of recordings without labels, one rate or one length; it names what gives them those."""
+    from granular_id.recording import SHORT
+
     if not data.labels:
         return _unlabelled(data, path)
     rates = sorted({recording.rate_hz for recording in data if recording.rate_hz is not None})
@@ -170,28 +172,22 @@ def _unprepared(data: Dataset, path: Path | None) -> WayOutError:
     short = min(data, key=lambda recording: recording.n_samples)
     lengths = sorted(recording.n_samples / data.rate_hz for recording in data)
     usual = lengths[len(lengths) // 2]
+    is_cut_off = lengths[0] <= SHORT * usual
+    whole = usual if not is_cut_off else next(one for one in lengths if one > SHORT * usual)
     ways = [
-        "keep of all what the shortest has ",
-        typed(duration_s="shortest"),
-        "leave out the shorter ones ",
-        typed(duration_s=usual if lengths[0] > 0.8 * usual else _full(lengths), on_error="skip"),
+        ("keep of all what the shortest has ", typed(duration_s="shortest")),
+        ("leave out the shorter ones ", typed(duration_s=whole, on_error="skip")),
     ]
-    if lengths[0] <= 0.8 * usual:  # it may be cut off, and the others shall not be halved
-        ways = [*ways[2:], *ways[:2]]
+    first, second = reversed(ways) if is_cut_off else ways  # the others shall not be halved
     return WayOutError(
         f"recordings last {lengths[0]:.9g} to {lengths[-1]:.9g} s, the shortest is {short.name!r}; nothing is cropped "
         "unasked: ",
-        *ways[:2],
+        *first,
         ", or ",
-        *ways[2:],
+        *second,
         ", or cut windows ",
         typed(window_s=lengths[0]),
     )
-
-
-def _full(lengths: Sequence[float]) -> float:
-    """Return the shortest of the lengths that are about usual."""
-    return next(one for one in lengths if one > 0.8 * lengths[len(lengths) // 2])
 
 
 def _irregular(n_in_all: int, irregular: Sequence[Recording], even: dict[str, Any]) -> WayOutError:

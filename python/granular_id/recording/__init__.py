@@ -6,6 +6,7 @@ align, concatenate) gives a new ``Dataset`` whose ``history[-1]`` reports what w
 
 from granular_id._core import AXES
 from granular_id.recording.checks import CheckReport, Finding
+from granular_id.recording.checks.stated import SHORT as SHORT
 from granular_id.recording.clock import samples_in as samples_in
 from granular_id.recording.columns import (
     ABOUT as ABOUT,

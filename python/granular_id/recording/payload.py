@@ -321,8 +321,9 @@ def compensate_recordings(
     if gravity is None:
         each: list[Any] = _stated_gravity(recordings)
     else:
-        several = isinstance(gravity, Iterable) and any(np.ndim(part) > 0 for part in gravity)
-        each = list(gravity) if several else [gravity] * len(recordings)  # type: ignore[arg-type]
+        each = [gravity] * len(recordings)
+        if isinstance(gravity, Iterable) and any(np.ndim(part) > 0 for part in gravity):
+            each = list(gravity)
     if len(each) != len(recordings):
         problem = f"has {len(each)} entries for {counted(len(recordings))}; wanted one direction, or one a recording"
         raise argument_error(GranularIdError, "gravity", problem)

@@ -19,16 +19,20 @@ def check_recordings(recordings: Sequence[Recording], session_hint: str = "") ->
     from granular_id.recording.checks.measured import Measured
 
     in_order = (
-        *(stated.check_labels, stated.check_axes, copies.check_duplicates, stated.check_sessions),
-        *(
-            stated.check_setups,
-            leaks.check_leaks,
-            stated.check_rates,
-            stated.check_lengths,
-            stated.check_gaps,
-            stated.check_steps,
-        ),
-        *(signal.check_units, signal.check_clipping, signal.check_stuck, signal.check_outliers),
+        stated.check_labels,
+        stated.check_axes,
+        copies.check_duplicates,
+        stated.check_sessions,
+        stated.check_setups,
+        leaks.check_leaks,
+        stated.check_rates,
+        stated.check_lengths,
+        stated.check_gaps,
+        stated.check_steps,
+        signal.check_units,
+        signal.check_clipping,
+        signal.check_stuck,
+        signal.check_outliers,
         stated.check_flags,
     )
     data = Measured(recordings, session_hint)

@@ -22,10 +22,8 @@ class Measured:
     """Recordings, and what several checks look at; each figure is made when first used."""
 
     def __init__(self, recordings: Sequence[Recording], session_hint: str = "") -> None:
-        self.recordings, self.session_hint = (
-            recordings,
-            session_hint,
-        )  # what reading them said of unread sessions
+        self.recordings = recordings
+        self.session_hint = session_hint  # where reading them found sessions that are not read
 
     @cached_property
     def labels(self) -> dict[str, list[int]]:
