@@ -66,10 +66,11 @@ def load(
 ) -> Dataset:
     r"""Read recordings from a file or folder.
 
-    Nothing is resampled or cropped. Recordings whose stamps lie within 1 % of a step of an even grid become uniform at
-    the shortest decimal rate that fits, or at the round figure within 0.1 % of it; the others keep their stamps
-    (`time_s`) and wait for ``.resample``. Stamps above 1e8 are taken as seconds since 1970 and give `start_time`. Rows
-    that are empty in all axes are missing samples: they are left out and leave a gap.
+    Nothing is resampled or cropped. Recordings whose stamps lie within 1 % of a step of an even grid, or within the
+    last digit they are written with, become uniform at the shortest decimal rate that fits, or at the round figure
+    within 0.1 % of it; the others keep their stamps (`time_s`) and wait for ``.resample``. Stamps above 1e8 are
+    taken as seconds since 1970 and give `start_time`. Rows that are empty in all axes are missing samples: they are
+    left out and leave a gap.
 
     What is in memory already comes in by `Dataset.from_arrays` and `Dataset.from_frames`; so does whatever numpy or
     pandas can read and this function refuses.

@@ -1,7 +1,7 @@
 """``find_sources``: the files that a path holds, and what their folders and names say of label and session.
 
 1. ``index.csv`` lists the files; files it does not list are not read.
-2. Files in folders, ``rice/1.csv``: the folder is the label.
+2. Files in folders, ``rice/1.csv``: the folder is the label, without its number where each holds one: ``rice_1/ft``.
 3. Files in one folder, ``fine_sugar_2.csv``: the label is the name without numbers, dates and counted runs at its ends.
 
 Two levels of folders may mean material and session in either order, and are refused unless the files state their label,
@@ -332,15 +332,16 @@ def _indexed(root: Path, options: LoadOptions, walked: Sources) -> Sources:
 def _label_by_place(root: Path, found: Sources) -> None:
     """Say what folder or name a label is taken from by default, or why that may mean two things."""
     depths = {source.name.count("/") for source in found.files}
-    if depths == {0}:
-        found.layout = "label_*"
-        n_labels = len({source.name_label for source in found.files})
-        for i, source in enumerate(found.files):
+    doubt = _no_materials(found) if depths == {1} else None
+    of_folders = _labels_of_folders(found.files) if depths == {1} and doubt is None else None
+    if depths == {0} or of_folders:
+        found.layout, place = (
+            ("label_1/*", "name of the folder") if of_folders else ("label_*", "name of the file")
+        )
+        labels = of_folders or [source.name_label for source in found.files]
+        for i, (source, label) in enumerate(zip(found.files, labels, strict=True)):
             found.files[i] = replace(
-                source,
-                label_else=source.name_label,
-                label_place="name of the file",
-                n_labels=n_labels,
+                source, name_label=label, label_else=label, label_place=place, n_labels=len(set(labels))
             )
         unnamed = [source.name for source in found.files if source.label_else is None]
         if unnamed:
@@ -368,13 +369,22 @@ def _label_by_place(root: Path, found: Sources) -> None:
         first = "; where the first folder is the material"
         line = [first, index_line(root, firsts[0].path.suffix)] if min(depths) else []
         raise RecordingFileError(root, (problem, *ways, *line))
-    doubt = _no_materials(found) if depths == {1} else _two_levels(found.files) if found.files else None
+    doubt = _two_levels(found.files) if depths != {1} and found.files else doubt
     n_labels = len({source.path.parent for source in found.files})
     for i, source in enumerate(found.files):
         label = None if doubt else source.path.parent.name
         found.files[i] = replace(
             source, label_else=label, label_place="folder", two_meanings=doubt, n_labels=n_labels
         )
+
+
+def _labels_of_folders(files: Sequence[FileSource]) -> list[str | None] | None:
+    """Return the names of folders without their numbers, where each holds one file of the same name."""
+    folders = [source.path.parent for source in files]
+    if len(set(folders)) < len(files) or len({source.path.name for source in files}) > 1:
+        return None
+    labels = labels_of(folders)
+    return labels if None not in labels and len(set(labels)) < len(files) else None
 
 
 def _two_levels(files: Sequence[FileSource]) -> tuple[str, ...]:

@@ -69,15 +69,19 @@ def places_of(source: FileSource) -> list[Place]:
     readings: list[Mapping[str, Any]] = [stated] if source.label or source.label_else else []
     if source.two_meanings is not None:
         readings = [part.options for part in source.two_meanings if isinstance(part, WayOut) and part.options]
-    before, _, behind = source.path.stem.partition(source.name_label or source.path.stem)
-    ends = [f"^{_any_number(before)}"] * bool(before) + [f"{_any_number(behind)}$"] * bool(behind)
-    endings = (
-        end for end in (*_NUMBERS, "|".join(ends)) if re.sub(end, "", source.path.stem) == source.name_label
+    is_of_folder = source.label_place == "name of the folder"
+    text, name = (
+        ("path.parent.name", source.path.parent.name) if is_of_folder else ("path.stem", source.path.stem)
     )
+    before, _, behind = name.partition(source.name_label or name)
+    ends = [f"^{_any_number(before)}"] * bool(before) + [f"{_any_number(behind)}$"] * bool(behind)
+    endings = (end for end in (*_NUMBERS, "|".join(ends)) if re.sub(end, "", name) == source.name_label)
     ending = next(endings, None)
-    of_name = None if ending is None else f"re.sub(r{ending!r}, '', path.stem)".replace("\\\\", "\\")
+    of_name = None if ending is None else f"re.sub(r{ending!r}, '', {text})".replace("\\\\", "\\")
     calls = {"folder": "path.parent.name", "parent": "path.parent.parent.name"}
-    calls |= {} if of_name is None else {"file": of_name, "name of the file": of_name}
+    calls |= (
+        {} if of_name is None else dict.fromkeys(("file", "name of the file", "name of the folder"), of_name)
+    )
     names = {"folder": source.path.parent.name, "parent": source.path.parent.parent.name}
     found = []
     for reading in readings:

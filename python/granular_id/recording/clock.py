@@ -287,7 +287,24 @@ def rate_of(
         return known_hz, None
     if stated_hz is not None:
         return stated_hz, _ignored_clock(time_s, steps, stated_hz)
-    return uniform_rate(time_s, resolution_s=stamps.resolution_s), None
+    rate_hz = uniform_rate(time_s, resolution_s=stamps.resolution_s)
+    if rate_hz is not None or (digit_s := _last_digit(time_s)) is None:
+        return rate_hz, None
+    rate_hz = uniform_rate(time_s, resolution_s=digit_s)
+    rounded = (
+        f"stamps, rounded to {1000 * digit_s:g} ms, are those of an even {rate_hz:g} Hz" if rate_hz else None
+    )
+    return rate_hz, rounded
+
+
+def _last_digit(time_s: FloatArray) -> float | None:
+    """Return what the last digit of stamps counts where it is coarse: 1 ms, or a tenth or hundredth of it."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        for digit_s in (1e-3, 1e-4, 1e-5):
+            digits = time_s / digit_s
+            if np.abs(digits - np.rint(digits)).max() < UNIFORM_TOLERANCE:
+                return digit_s
+    return None
 
 
 def _other_units(step: float, rate_hz: float | None = None) -> list[str]:

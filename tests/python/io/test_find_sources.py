@@ -68,6 +68,10 @@ READ = {
     "test/1.csv rice/1.csv": ["rice", "test"],
     "peas/left.csv peas/right.csv rice/left.csv rice/right.csv": ["peas", "peas", "rice", "rice"],
     "peas/1.csv peas/wet.csv rice/1.csv rice/wet.csv": ["peas", "peas", "rice", "rice"],
+    # a folder a push: without its number
+    "rice_1/ft.csv rice_2/ft.csv sugar_1/ft.csv": ["rice", "rice", "sugar"],
+    "rice_1/1.csv rice_2/1.csv rice_2/2.csv": ["rice_1", "rice_2", "rice_2"],
+    "rice_1/a.csv rice_2/b.csv": ["rice_1", "rice_2"],
 }
 
 
@@ -80,6 +84,7 @@ def test_labels_by_default_are_noted(tmp_path, paths):
     label, session, *_ = [note for note in data.history[-1].notes if "one recording only" not in note]
     if READ[paths][0] is not None:
         place = "folder" if "/" in paths else "name of the file"
+        place = "name of the folder" if READ[paths][0] + "_1/ft" in paths else place
         assert label.startswith(f"label: {place} ('{READ[paths][0]}' of {data.names[0]}")
     assert session == "session: not known"
 

@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import firwin
 
 from granular_id.recording import Dataset, Recording, SampleFlag
-from granular_id.recording.clock import time_order, uniform_rate
+from granular_id.recording.clock import Stamps, rate_of, time_order, uniform_rate
 from granular_id.recording.columns import TableError
 from granular_id.recording.resampling import MAX_SAMPLES
 
@@ -245,6 +245,19 @@ def test_uniform_stamps_give_back_their_rate(rate, n, start):
     assert abs(found / rate - 1) <= max(near, 0.001 + 1e-9)
     if n > 1000 and start < 1e8 and rate != 1 / 3:
         assert found == rate
+
+
+@given(rate=st.sampled_from([125, 300, 400, 512, 700]), n=st.integers(300, 2000), first=st.integers(0, 999))
+def test_rate_of_rounded_stamps_is_that_before_rounding(rate, n, first):
+    time_s = np.round(first / 1000 + np.arange(n) / rate, 3)
+    found, remark = rate_of(Stamps(time_s - time_s[0], first / 1000, 1e-16), None, None)
+    assert abs(found / rate - 1) <= 0.001 + 0.002 / time_s[-1]
+    assert remark is None or "rounded to 1 ms" in remark
+
+
+def test_rate_of_jittered_stamps_in_milliseconds_is_unknown():
+    steps = np.random.default_rng(0).choice([0.001, 0.002, 0.003], 1000)
+    assert rate_of(Stamps(np.concatenate([[0], steps.cumsum()]), 0.0, 0.0), None, None) == (None, None)
 
 
 @given(steps=st.lists(st.integers(1, 10), min_size=2, max_size=50))
