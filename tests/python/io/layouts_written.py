@@ -133,8 +133,8 @@ def formats_of(tree: Tree) -> list[str]:
     return [form for form in WRITERS if not (has_lists(tree) and form in FLAT)]
 
 
-def written(tree: Tree, form: str, folder: Path) -> Path:
-    folder.mkdir(exist_ok=True)
-    path = folder / f"set.{form}"
+def written(tree: Tree, form: str, folder: Path, name: str = "set") -> Path:
+    path = folder / f"{name}.{form.removeprefix('v73.')}"
+    path.parent.mkdir(parents=True, exist_ok=True)
     WRITERS[form](tree, path)
     return path

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from granular_id.io import load
+from layouts_written import WRITERS, written
 from remedies import lines_of, options_of, refusal, run
 
 AXES = ["fx", "fy", "fz", "tx", "ty", "tz"]
@@ -30,10 +31,15 @@ def named(time, force, torque):
     return [time, *(kind.format(axis) for kind in (force, torque) for axis in "xyz")]
 
 
-def with_cell(row, column, value, scale=1.0):
-    frame = table(scale=scale).astype(object)
+def with_cell(row, column, value, scale=1.0, wrench=W):
+    frame = table(wrench, scale=scale).astype(object)
     frame.loc[row, column] = value
     return lines(frame)
+
+
+def write_lines(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([*text, ""]))
 
 
 def with_line_2(line, text):
@@ -41,17 +47,11 @@ def with_line_2(line, text):
 
 
 def labview(comma="."):
-    numbers = [[i / RATE, *row] for i, row in enumerate(W)]
-    head = [
-        "LabVIEW Measurement",
-        "Separator\tTab",
-        "***End_of_Header***",
-        "",
-        "Channels\t6",
-        "***End_of_Header***",
+    rows = [
+        "\t".join(f"{value:.4f}".replace(".", comma) for value in (i / RATE, *row)) for i, row in enumerate(W)
     ]
-    rows = ["\t".join(f"{value:.4f}".replace(".", comma) for value in row) for row in numbers]
-    return [*head, "X_Value\tFx\tFy\tFz\tTx\tTy\tTz\tComment", *rows]
+    head = ["LabVIEW Measurement", "Separator\tTab", "***End_of_Header***", ""]
+    return [*head, "Channels\t6", "***End_of_Header***", "X_Value\tFx\tFy\tFz\tTx\tTy\tTz\tComment", *rows]
 
 
 def labview_again():
@@ -61,16 +61,11 @@ def labview_again():
 
 def maker(torques="in-lb", scale=1 / INCH_POUND):
     above = ["Start Time: 3/4/25 2:03 PM", "Force Units: N", f"Torque Units: {torques}"]
+    readings = np.round(W * [1, 1, 1, *[scale] * 3], 8)
+    times = [f"Mar 4, 2025 2:03:1{i // 60} PM" for i in range(len(W))]
     rows = [
-        ",".join(
-            f'"{cell}"'
-            for cell in [
-                "0x0",
-                *np.round(row * [1, 1, 1, *[scale] * 3], 8),
-                f"Mar 4, 2025 2:03:1{i // 60} PM",
-            ]
-        )
-        for i, row in enumerate(W)
+        ",".join(f'"{cell}"' for cell in ("0x0", *row, time))
+        for row, time in zip(readings, times, strict=True)
     ]
     return [*above, "Status, Fx, Fy, Fz, Tx, Ty, Tz, Time", *rows]
 
@@ -93,11 +88,7 @@ CASES = {
     "LabVIEW with commas": (labview(","), [], {}),
     "LabVIEW with headers in the middle": (labview_again(), [], {}),
     "units of LabVIEW and a cell of text": (["\t".join(IN_MN), *in_tabs(with_cell(7, "fz", "OVER", 1000))], [7], {}),
-    "a cell of text among decimal commas": (
-        "\n".join(with_cell(7, "fz", "OVER")).replace(",", ";").replace(".", ",").split("\n"),
-        [7],
-        {},
-    ),
+    "a cell of text among decimal commas": (in_semicolons(with_cell(7, "fz", "OVER")), [7], {}),
     "a maker's export": (maker(), [], {}),
     "German titles with units": (["Einheit Kraft;N", "Einheit Drehmoment;Nmm", "", *in_semicolons(IN_NMM)], [], {}),
     "names again in the middle": ([*lines(table())[:30], ",".join(["time", *AXES]), *lines(table())[30:]], [], {}),
@@ -124,11 +115,9 @@ def ways(path, placeholders):
         problem = refusal(path, **options)
         yield from ((run(line, RATE), n) for line in lines_of(problem) if line)
         for way in options_of(path, RATE, **options):
-            way |= {
-                name: placeholders[str(value)] for name, value in way.items() if str(value) in placeholders
-            }
             csv = {**options.get("csv", {}), **way.get("csv", {})}
-            merged = {**options, **way, **({"csv": csv} if csv else {})}
+            more = {name: placeholders.get(str(value), value) for name, value in way.items()}
+            merged = {**options, **more, **({"csv": csv} if csv else {})}
             try:
                 yield load(path, **merged), n
             except ValueError:
@@ -138,9 +127,7 @@ def ways(path, placeholders):
 @pytest.mark.parametrize("case", CASES)
 def test_what_a_refusal_prints_reads_the_file(tmp_path, case):
     text, lost, placeholders = CASES[case]
-    path = tmp_path / "rice" / "push_1.txt"
-    path.parent.mkdir()
-    path.write_text("\n".join([*text, ""]))
+    write_lines(tmp_path / "rice" / "push_1.txt", text)
     for data, n in ways(tmp_path, placeholders):
         wanted = np.delete(W, lost, axis=0)
         if [one.label for one in data] == ["rice"] and data[0].wrench.shape == wanted.shape:
@@ -148,6 +135,18 @@ def test_what_a_refusal_prints_reads_the_file(tmp_path, case):
             assert n == 1
             return
     pytest.fail("no way out reads the file")
+
+
+MATERIALS = ["rice", "peas"] * 2
+
+
+def long_table(**columns):
+    """Four pushes below each other, each column a function of the number and the material of a push."""
+    parts = [
+        table(W + i).assign(**{key: value(i, name) for key, value in columns.items()})
+        for i, name in enumerate(MATERIALS)
+    ]
+    return pd.concat(parts, ignore_index=True)
 
 
 LONG = {
@@ -179,28 +178,20 @@ LONG = {
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 @pytest.mark.parametrize("case", LONG)
 def test_what_a_long_table_prints_gives_recordings_and_labels(tmp_path, case, ending, alone):
-    labels = ["rice", "peas"] * 2
-    parts = [
-        table(W + i).assign(**{key: value(i, name) for key, value in LONG[case].items()})
-        for i, name in enumerate(labels)
-    ]
-    whole = pd.concat(parts, ignore_index=True)
-    path = tmp_path / f"all.{ending}"
+    whole, path = long_table(**LONG[case]), tmp_path / f"all.{ending}"
     whole.to_csv(path, index=False) if ending == "csv" else whole.to_parquet(path)
     data, n = next(ways(path if alone else tmp_path, {}))
-    known = {"material as a number": ["0", "1"] * 2, "days of several pushes": ["rice"] * 4}.get(case, labels)
+    known = {"material as a number": ["0", "1"] * 2, "days of several pushes": ["rice"] * 4}.get(
+        case, MATERIALS
+    )
     assert (data.y.tolist(), n) == (known, 1)
     np.testing.assert_allclose(data.X, [W + i for i in range(4)], atol=1e-9)
 
 
 def test_a_file_with_five_faults_names_the_label_too(tmp_path):
-    whole = pd.concat(
-        [
-            table(W + i, time=np.arange(60) / RATE)
-            .rename(columns={"time": "Zeit"})
-            .assign(Versuch=i, Schüttgut=name)
-            for i, name in enumerate(["Grieß", "Reis"] * 2)
-        ]
+    names = {"rice": "Grieß", "peas": "Reis"}
+    whole = long_table(Versuch=lambda i, _: i, Schüttgut=lambda _, name: names[name]).rename(
+        columns={"time": "Zeit"}
     )
     rows = in_semicolons(whole.to_csv(index=False).splitlines())
     (tmp_path / "all.csv").write_text("\n".join(["Versuchsreihe;A", *rows, ""]), encoding="cp1252")
@@ -209,15 +200,9 @@ def test_a_file_with_five_faults_names_the_label_too(tmp_path):
 
 
 def test_several_columns_that_may_be_labels_are_all_offered(tmp_path):
-    whole = pd.concat(
-        [
-            table(W + i).assign(trial=i, day="ab"[i // 2], powder=name)
-            for i, name in enumerate(["rice", "peas"] * 2)
-        ]
-    )
-    whole.to_csv(tmp_path / "all.csv", index=False)
-    offered = [way["label"] for way in options_of(tmp_path)]
-    assert offered == ["column:powder", "column:day", "file"]
+    columns = {"trial": lambda i, _: i, "day": lambda i, _: "ab"[i // 2], "powder": lambda _, name: name}
+    long_table(**columns).to_csv(tmp_path / "all.csv", index=False)
+    assert [way["label"] for way in options_of(tmp_path)] == ["column:powder", "column:day", "file"]
     assert load(tmp_path, label="file").labels == ("all",)
 
 
@@ -237,42 +222,56 @@ def test_a_column_against_names_of_files_has_both_ways(tmp_path, column, first):
 
 @pytest.mark.parametrize("name", ["rec_{i}", "push_a{i}", "day1/{i}", "a/b/{i}"])
 def test_a_column_of_labels_wins_over_places_when_mended(tmp_path, name):
-    for i, material in enumerate(["rice", "peas", "rice"]):
-        rows = [
-            f"{line},{material if k else 'material'}" for k, line in enumerate(with_cell(7, "fz", "OVERLOAD"))
-        ]
-        path = tmp_path / f"{name.format(i=i)}.csv"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("\n".join([*rows, ""]))
-    assert run(*lines_of(refusal(tmp_path))).y.tolist() == ["rice", "peas", "rice"]
+    for i, material in enumerate(MATERIALS):
+        head, *rows = with_cell(7, "fz", "OVERLOAD")
+        write_lines(
+            tmp_path / f"{name.format(i=i)}.csv", [f"{head},material", *(f"{row},{material}" for row in rows)]
+        )
+    assert run(*lines_of(refusal(tmp_path))).y.tolist() == MATERIALS
 
 
-def test_a_column_of_files_without_labels_is_offered(tmp_path):
-    for i, powder in enumerate(["rice", "peas"] * 2):
-        table(W).assign(powder=powder).to_csv(tmp_path / f"rec_{i}.csv", index=False)
+@pytest.mark.parametrize("form", ["csv", *WRITERS])
+def test_a_text_beside_each_recording_may_be_its_label(tmp_path, form):
+    for i, powder in enumerate(MATERIALS):
+        if form == "csv":
+            table().assign(powder=powder, sensor="ATI").to_csv(tmp_path / f"rec_{i}.csv", index=False)
+        else:
+            written({"wrench": W, "powder": powder, "sensor": "ATI", "fs": RATE}, form, tmp_path, f"rec_{i}")
     assert [way["label"] for way in options_of(tmp_path)] == ["column:powder", "file"]
-    assert load(tmp_path, label="column:powder").y.tolist() == ["rice", "peas"] * 2
+    assert load(tmp_path, label="column:powder").y.tolist() == MATERIALS
 
 
+PARTS = {
+    "axes first": lambda w: {"ft": w.T},
+    "forces and torques": lambda w: {"force": w[:, :3], "torque": w[:, 3:]},
+    "vectors": lambda w: dict(zip(AXES, w.T, strict=True)),
+    "a cell without a number": lambda w: {"X": np.where(np.arange(360).reshape(60, 6) == 8, np.nan, w)},
+}
+LAYOUTS = ["{name}_{i}", "{name}_run0{i}", "{name}/{i}", "{name}/2025-03-0{i}/1", "2025-03-0{i}/{name}/1"]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize(
-    "layout", ["{name}_{i}", "{name}_run0{i}", "{name}/{i}", "{name}/2025-03-0{i}/1", "2025-03-0{i}/{name}/1"]
+    ("form", "part"), [("csv", "a cell of text"), *((form, part) for form in WRITERS for part in PARTS)]
 )
-def test_a_mended_table_is_read_with_all_like_it(tmp_path, layout):
-    for name in ("rice", "peas"):
-        for i in (1, 2):
-            path = tmp_path / f"{layout.format(name=name, i=i)}.csv"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text("\n".join([*with_cell(7, "fz", "OVERLOAD"), ""]))
+def test_one_file_a_recording_is_read_with_all_like_it(tmp_path, form, part, layout):
+    wanted = {}
+    for k, (name, i) in enumerate((name, i) for name in ("peas", "rice") for i in (1, 2)):
+        place = layout.format(name=name, i=i)
+        if form == "csv":
+            write_lines(tmp_path / f"{place}.csv", with_cell(7, "fz", "OVERLOAD", wrench=W + k))
+        else:
+            written({**PARTS[part](W + k), "fs": RATE}, form, tmp_path, place)
+        wanted[W[20, 0] + k] = name
     data = run(lines_of(refusal(tmp_path))[0])
-    assert sorted(data.y.tolist()) == ["peas", "peas", "rice", "rice"]
+    at = 19 if "cell" in part else 20  # the sample that is left out stands before
+    assert {one.wrench[at, 0]: one.label for one in data} == wanted
     assert len(set(data.sessions)) == (2 if "2025" in layout else 1)
 
 
 def test_all_that_an_export_wants_is_named_at_once(tmp_path):
     for name in ("rice", "peas"):
-        path = tmp_path / name / "day 1" / "push_1.csv"
-        path.parent.mkdir(parents=True)
-        path.write_text("\n".join([*maker("N-mm", 1000), ""]))
+        write_lines(tmp_path / name / "day 1" / "push_1.csv", maker("N-mm", 1000))
     problem = refusal(tmp_path)
     in_all = [
         clause.partition("(")[2].rstrip(")")
@@ -289,9 +288,7 @@ def test_all_that_an_export_wants_is_named_at_once(tmp_path):
 @pytest.mark.parametrize("names", ["rice/1 rice/2 peas/wet/1", "lab/rice/a/1 lab/peas/b/1"])
 def test_index_is_written_of_first_folders(tmp_path, names):
     for name in names.split():
-        path = tmp_path / f"{name}.csv"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        table().to_csv(path, index=False)
+        write_lines(tmp_path / f"{name}.csv", lines(table()))
     data = run(*lines_of(refusal(tmp_path)))
     assert sorted(data.y) == sorted(name.partition("/")[0] for name in names.split())
 
@@ -299,7 +296,6 @@ def test_index_is_written_of_first_folders(tmp_path, names):
 def test_workbooks_have_the_line_of_pandas(tmp_path, monkeypatch):
     monkeypatch.setattr(pd, "read_excel", pd.read_csv)
     for name in ("rice", "peas"):
-        (tmp_path / name).mkdir()
-        table().to_csv(tmp_path / name / "1.xlsx", index=False)
+        write_lines(tmp_path / name / "1.xlsx", lines(table()))
     data = run(*lines_of(refusal(tmp_path)))
     assert (data.labels, data.rate_hz) == (("peas", "rice"), RATE)
