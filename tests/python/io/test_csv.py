@@ -34,6 +34,10 @@ READ = {
     "decimal commas": (changed(";", ",").encode(), {"csv": {"decimal": ","}}),
     "byte order mark": (b"\xef\xbb\xbf" + GOOD, {}),
     "UTF-16": (GOOD.decode().encode("utf-16"), {}),
+    "UTF-16 with a tab in the line of Excel": (
+        ("sep=\t\r\n" + changed("\t", end="\r\n")).encode("utf-16"),
+        {},
+    ),
     "quotes and blanks": (
         b'"time", "Fx" ,fy,fz,tx,ty,tz\n' + ROW1.replace(b"1.5", b' "1.5"') + ROW2 + ROW3,
         {},
@@ -344,27 +348,6 @@ def test_proposed_axes_are_no_ids_positions_and_temperatures(tmp_path, names, ax
     with pytest.raises(RecordingFileError, match="axes=") as caught:
         load(tmp_path / "a_1.csv")
     assert [way.get("axes") for way in caught.value.ways] == [axes] * (axes is not None)
-
-
-@pytest.mark.parametrize("clock", ["timestamp", "time", "t"])  # one clock for all, of the day, or for each
-def test_a_long_table_names_its_id_and_labels(tmp_path, clock):
-    names, rows = f"Versuch,Stoff,pos_x,{clock},fx,fy,fz,tx,ty,tz", []
-    for i, name in enumerate(["rice", "rice", "oats", "rice"]):
-        for k in range(20):
-            start = {"timestamp": 10.0 * i, "time": 0.0, "t": 0.0}[clock]
-            at = f"09:1{9 - i}:00.{k:02d}" if clock == "time" else str(start + k / 100)
-            rows.append(f"{i},{name},{k / 100},{at},1,2,3,4,5,{k}")
-    (tmp_path / "all.csv").write_text("\n".join([names, *rows, ""]))
-    with pytest.raises(RecordingFileError) as caught:
-        load(tmp_path / "all.csv")
-    way = {
-        name: value for one in reversed(caught.value.ways) for name, value in one.items() if value != "file"
-    }
-    data = load(tmp_path / "all.csv", **way)
-    assert data.y.tolist() == ["rice", "rice", "oats", "rice"]
-    with pytest.raises(RecordingFileError) as caught:
-        load(tmp_path / "all.csv", label="column:Stoff")
-    assert len(load(tmp_path / "all.csv", label="column:Stoff", **caught.value.ways[0])) == 4
 
 
 def test_labels_sessions_and_ids_are_read_as_they_are_written(tmp_path):

@@ -160,6 +160,16 @@ LONG = {
         "material": lambda i, name: name,
         "trial": lambda i, name: 1,
     },
+    "a clock for all": {
+        "Versuch": lambda i, _: i,
+        "Stoff": lambda _, name: name,
+        "time": lambda i, _: 10 * i + np.arange(60) / RATE,
+    },
+    "times of the day": {
+        "Versuch": lambda i, _: i,
+        "Stoff": lambda _, name: name,
+        "time": lambda i, _: [f"09:1{9 - i}:00.{2 * k:03d}" for k in range(60)],
+    },
     "days of several pushes": {"date": lambda i, name: "ab"[i // 2], "material": lambda i, name: "rice"},
     "trials of names": {"trial": lambda i, name: f"{name}_{i}"},
     "person and material": {

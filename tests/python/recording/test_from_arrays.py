@@ -137,11 +137,13 @@ def test_from_frames_clock_is_read(clock, keywords, start_time):
     assert np.array_equal(data[0].wrench, X[0])
 
 
-def test_from_frames_index_of_dates_is_the_clock():
+def test_from_frames_index_of_dates_is_the_clock_others_are_columns():
     data = Dataset.from_frames(frame().set_index(ISO), ["rice"])
     assert (data.rate_hz, data[0].start_time) == (500, START)
     named = frame().set_index(pd.Index(T, name="seconds"))
     assert Dataset.from_frames(named, ["rice"]).rate_hz == 500
+    levels = pd.concat([frame(time=T, trial=i, label=name) for i, name in enumerate("ab")])
+    assert Dataset.from_frames(levels.set_index(["label", "trial"])).y.tolist() == ["a", "b"]
 
 
 def test_identical_rows_with_one_stamp_are_merged():
@@ -161,6 +163,7 @@ def test_identical_rows_with_one_stamp_are_merged():
         (frame(time=T), {"time": "clock"}, "time='clock' is no column"),
         (frame(time=T), {"axes": "fx,gyro"}, "axes names 'gyro'"),
         (frame(time=T[::-1]), {}, "time runs back"),
+        (frame(time=[f"{stamp:%H:%M:%S.%f}" for stamp in ISO[::-1]]), {}, "runs back from 0 to -0.002 s"),
         (frame(time=T * 500), {}, "stamps lie 1 apart"),
         (frame(time=T, material=["a"] * 25 + ["b"] * 25), {}, "2 values in one recording.*id='material'"),
         (frame(time=T, id=["a"] * 49 + [None]), {}, "row 49, column 'id': the cell is empty"),
