@@ -62,6 +62,15 @@ def datasets(draw):
     return Dataset(items, steps)
 
 
+def small():
+    """A recording at a rate with all that may be stated, and one of stamps, without a label."""
+    about = {"label": "oat flakes", "session": "mon", "start_time": 1.7e9, "meta": {"tool": {"d_mm": 17}}}
+    regular = Recording(np.arange(12.0).reshape(2, 6), rate_hz=500, name="one", **about)
+    uneven = {"time_s": [0, 0.25, 0.375], "trigger_index": 1, "flags": [0, 1, 2]}
+    stamped = Recording(-np.arange(18.0).reshape(3, 6), name="two", **uneven)
+    return Dataset([regular, stamped], [StepReport("load", {"format": "csv"})])
+
+
 def assert_same_bits(a, b):
     """Compare data sets more strictly than == does: -0.0 is not 0.0, and types of numbers count."""
     assert len(a) == len(b)

@@ -70,6 +70,8 @@ READ = {
         b"0,1500,2e3,3e3,4e3,5e3,6e3\n0.01,1e3,2e3,3e3,4e3,5e3,6e3\n0.02,1e3,2e3,3e3,4e3,5e3,6e3\n",
         {},
     ),
+    "words of Spanish": (GOOD.replace(HEADER, b"Tiempo,Fuerza_X,Fuerza_Y,Fuerza_Z,Par_X,Par_Y,Par_Z\n"), {}),
+    "couples": (GOOD.replace(HEADER, b"t,Force X,Force Y,Force Z,Couple X,Couple Y,Couple Z\n"), {}),
     "units of LabVIEW": (
         b"Y_Unit_Label\tmN\tmN\tmN\tN mm\tN mm\tN mm\n***End_of_Header***\nX_Value\tFx\tFy\tFz\tTx\tTy\tTz\tComment\n"
         b"0\t1500\t2e3\t3e3\t4e3\t5e3\t6e3\tgo\n0.01\t1e3\t2e3\t3e3\t4e3\t5e3\t6e3\n"
@@ -228,13 +230,6 @@ def test_errors_survive_pickle_and_unprintable_names():
     assert (str(twin), twin.line, twin.column) == (str(error), 3, "fx")
 
 
-def test_a_missing_pandas_is_named_with_its_extra(tmp_path, monkeypatch):
-    (tmp_path / "a.csv").write_bytes(GOOD)
-    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(ImportError, match="pandas is needed to read text tables"):
-        load(tmp_path / "a.csv")
-
-
 ODD = ',|\n|\r|\0|nan|-inf|1e999|-|1_0|0x1|1e-999|"|"1"|\xff|\ufeff| |\t|\u2212|../|Fx [N]|tx_Nmm|;'
 PIECES = st.sampled_from(ODD.split("|")).map(str.encode)
 
@@ -310,26 +305,6 @@ def test_lines_that_are_no_samples_are_noted_or_refused(tmp_path, text, clock):
     assert f"1 line of text left out, the first is line {at + 1}: '{text}'" in " ".join(
         data.history[-1].notes
     )
-
-
-@pytest.mark.parametrize(
-    ("clock", "words"),
-    [
-        ("Zeit", "Kraft {}, Moment {}"),
-        ("Tiempo", "Fuerza_{}, Par_{}"),
-        ("t", "Force {}, Couple {}"),
-        ("Cas", "Sila {}, Moment {}"),
-    ],
-)
-def test_words_of_other_languages_are_all_six_axes(tmp_path, clock, words):
-    names = [clock, *(word.format(axis) for word in words.split(", ") for axis in "XYZ")]
-    rows = [",".join(map(str, (i / 100, 1, 2, 3, 4, 5, 6))) for i in range(20)]
-    (tmp_path / "a_1.csv").write_text("\n".join([",".join(names), *rows, ""]))
-    try:
-        data = load(tmp_path / "a_1.csv")
-    except RecordingFileError as error:
-        data = load(tmp_path / "a_1.csv", **error.ways[0])
-    assert data[0].wrench[3].tolist() == [1, 2, 3, 4, 5, 6]
 
 
 @pytest.mark.parametrize(

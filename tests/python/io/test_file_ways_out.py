@@ -100,6 +100,7 @@ CASES = {
     "pounds below the names": (with_line_2("s,lb,lb,lb,in-lb,in-lb,in-lb", lines(table(scale=IN_POUNDS))), [], SAID),
     "pounds in the names": (lines(table(names=named("t [s]", "F{} [lb]", "M{} [in-lb]"), scale=IN_POUNDS)), [], SAID),
     "names of another language": (lines(table(names=named("Zeit [s]", "Kraft {} [N]", "Dreh {} [N m]"))), [], {}),
+    "words for forces only": (lines(table(names=named("Cas", "Sila {}", "Moment {}"))), [], {}),
     "no names": (lines(table())[1:], [], {}),
     "packets of four": (lines(table(time=np.arange(60) // 4 * 4 / RATE)), [], {}),
     "no clock": (lines(table()[AXES]), [], {}),

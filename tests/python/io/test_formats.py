@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -125,7 +126,10 @@ def test_label_of_index_wins_over_file_over_folder(tmp_path):
     known = Recording(np.zeros((4, 6)), rate_hz=500, label="basmati", session="tuesday", name="x")
     (tmp_path / "rice").mkdir()
     save(Dataset([known]), tmp_path / "rice" / "1.npz")
-    assert load(tmp_path)[0].label == "basmati"
+    data = load(tmp_path)
+    assert (data[0].label, data[0].session) == ("basmati", "tuesday")
+    assert data.history[-1].notes[0] == "label: what the file says ('basmati' of rice/1.npz)"
+    assert load(tmp_path, label="folder")[0].label == "rice"
     (tmp_path / "index.csv").write_text(
         'file,label,operator,trigger_index\nrice/1.npz,jasmine,"Ann, Bob",2\n'
     )
@@ -161,3 +165,14 @@ def test_errors_of_libraries_name_the_file(tmp_path, monkeypatch, error):
         load(tmp_path, rate_hz=10)
     assert caught.value.__cause__ is error
     assert load(tmp_path, rate_hz=10, on_error="skip").names == ("rice_1.csv",)
+
+
+@pytest.mark.parametrize(
+    ("file", "library"),
+    [("x.csv", "pandas"), ("x.mcap", "rosbags.highlevel"), ("x.bag", "rosbags.highlevel")],
+)
+def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, file, library):
+    (tmp_path / file).write_text("fx,fy,fz,tx,ty,tz\n1,2,3,4,5,6\n")
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ImportError, match=rf"^{library.partition('.')[0]} is needed .*pip install '"):
+        load(tmp_path / file)

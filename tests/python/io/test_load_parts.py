@@ -74,14 +74,6 @@ def test_skipped_files_are_listed_once_each(tmp_path):
     assert skipped == [row for row in whole.history[-1].rows if "skipped" in row]
 
 
-def test_a_folder_of_which_nothing_can_be_read(tmp_path):
-    folder = written(tmp_path, "csv")
-    for path in folder.rglob("*_*.csv"):
-        path.write_text("x\n")
-    with pytest.raises(RecordingFileError, match="none of 7 recordings could be read"):
-        list(load_parts(folder, on_error="skip"))
-
-
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [

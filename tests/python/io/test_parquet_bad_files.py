@@ -91,11 +91,15 @@ def test_archive_without_a_column_rows_or_a_part_is_refused(archive):
 )
 def test_mark_in_the_footer_that_is_wrong_is_refused(archive, mark, message):
     if isinstance(mark, dict):
-        mark = json.dumps(
-            {"format": "recordings", "version": 1, "axes": ["a"], "columns": ["a"], "units": [""]}
-            | {"written": 1.0, "part": 0}
-            | mark
-        )
+        good = {
+            "format": "recordings",
+            "version": 1,
+            "axes": ["a"],
+            "columns": ["a"],
+            "units": [""],
+            "written": 1.0,
+        }
+        mark = json.dumps({**good, "part": 0, **mark})
     rewrite(index_in(archive), labels={} if mark is None else {"granular_id": mark})
     refused(archive, message)
 
@@ -104,10 +108,7 @@ def test_mark_in_the_footer_that_is_wrong_is_refused(archive, mark, message):
     ("change", "message"),
     [
         (lambda t: t.drop_columns(["tz"]), "row group 0: cannot be decoded: .*tz"),
-        (
-            with_column("fx", pa.array([1.0] * 17 + [None] * 3)),
-            "fx, row group 1: sample 7 is nan",
-        ),
+        (with_column("fx", pa.array([1.0] * 17 + [None] * 3)), "fx, row group 1: sample 7 is nan"),
         (with_column("fx", pa.array([[1.0]] * 20)), "row group 0: cannot be decoded"),
     ],
 )

@@ -134,19 +134,7 @@ def test_lists_in_cells_come_with_the_way_out(tmp_path):
     assert data.X.reshape(6, 6).tolist() == W.tolist()
 
 
-@pytest.mark.parametrize(
-    ("change", "problem"),
-    [
-        (lambda path: path.write_bytes(path.read_bytes()[:200]), "reading it as Parquet failed"),
-        (lambda path: path.write_bytes(b""), "reading it as Parquet failed"),
-        (
-            lambda path: pq.write_table(pa.table({a: pa.array([], pa.float64()) for a in AXES}), path),
-            "no samples",
-        ),
-    ],
-)
-def test_damaged_parquet_is_refused(tmp_path, change, problem):
-    path = written(tmp_path, "parquet")
-    change(path)
-    with pytest.raises(RecordingFileError, match=problem):
-        load(path, rate_hz=10)
+def test_parquet_without_rows_is_refused(tmp_path):
+    pq.write_table(pa.table({axis: pa.array([], pa.float64()) for axis in AXES}), tmp_path / "a.parquet")
+    with pytest.raises(RecordingFileError, match="no samples"):
+        load(tmp_path / "a.parquet", rate_hz=10)
