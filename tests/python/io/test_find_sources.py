@@ -23,10 +23,6 @@ def tree(folder, *paths):
     return folder
 
 
-def found(data):
-    return {r.name: (r.label, r.session) for r in data}
-
-
 READ = {
     # depth 0: the name without the number at its end
     "fine_sugar_2.csv fine_sugar_10.csv": ["fine_sugar", "fine_sugar"],

@@ -45,18 +45,6 @@ def test_any_data_set_comes_back_to_the_last_bit(tmp_path_factory, name, data):
     assert back.history[:-1] == data.history
 
 
-@pytest.mark.parametrize("order", [NAMES, NAMES[::-1]])
-def test_what_one_format_wrote_another_carries_on(tmp_path, order, pushes):
-    data = pushes
-    for name in order:
-        (tmp_path / name).mkdir()
-        data = load(save(data, place(tmp_path / name, name), name))
-        assert data.history[-1].totals["recordings"] == len(pushes)
-    assert_same_bits(data, pushes)
-    assert data.history[: len(pushes.history)] == pushes.history
-    assert [step.step for step in data.history[len(pushes.history) :]] == ["load"] * len(order)
-
-
 @pytest.mark.parametrize("name", ["npz", "parquet"])
 def test_a_stated_rate_that_is_not_the_files_is_refused(tmp_path, name, pushes):
     path = save(pushes, place(tmp_path, name), name)

@@ -29,17 +29,6 @@ def table(path):
 
 
 @settings(max_examples=cases(8))
-@given(dataset=datasets(), per_group=st.integers(1, 4))
-def test_row_groups_hold_what_was_saved_to_the_last_bit(tmp_path_factory, dataset, per_group):
-    folder = save_parquet(dataset, tmp_path_factory.mktemp("archive"), recordings_per_group=per_group)
-    archive = Archive(folder)
-    parts = list(archive)
-    assert [len(part) for part in parts[:-1]] == [per_group] * (len(parts) - 1)
-    assert_same_bits(Dataset([r for part in parts for r in part], dataset.history), dataset)
-    assert (archive.axes, archive.index.num_rows) == (dataset.axes, len(dataset))
-
-
-@settings(max_examples=cases(8))
 @given(dataset=datasets(), cut=st.integers(1, 3))
 def test_what_was_appended_is_loaded_to_the_last_bit(tmp_path_factory, dataset, cut):
     # equal ones would be added once

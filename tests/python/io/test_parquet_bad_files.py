@@ -115,8 +115,3 @@ def test_mark_in_the_footer_that_is_wrong_is_refused(archive, mark, message):
 def test_samples_with_wrong_columns_are_refused(archive, change, message):
     rewrite(samples_in(archive), change, row_group_size=10)
     refused(archive, message)
-
-
-def test_folder_that_looks_like_an_archive_is_none(tmp_path):
-    (tmp_path / f"recordings-{'0' * 32}.parquet").mkdir()
-    refused(tmp_path, "[Ii]s a directory")

@@ -217,14 +217,6 @@ def test_forces_that_are_not_finite(tmp_path, kind, value, column, name):
     assert recording.wrench.tobytes() == np.delete(wrench, 16, axis=0).tobytes()
 
 
-def test_messages_of_nan_are_missing_samples(tmp_path):
-    wrench = samples()
-    wrench[16] = np.nan
-    (recording,) = load(write_kind("mcap ZSTD", tmp_path, wrench, even_stamps()))
-    assert recording.wrench.tobytes() == np.delete(wrench, 16, axis=0).tobytes()
-    assert recording.rate_hz is None
-
-
 @pytest.mark.parametrize("store", [ROS1, ROS2], ids=["ros1", "ros2"])
 def test_a_frame_that_changes(tmp_path, store):
     write = write_bag1 if store is ROS1 else write_mcap

@@ -14,7 +14,6 @@ RNG = np.random.default_rng(0)
 X = RNG.normal(size=(4, 50, 6))
 Y = ["rice", "peas", "rice", "peas"]
 T = np.arange(50) / 500
-PLACES = np.arange(1200).reshape(4, 50, 6)
 
 
 def frame(values=X[0], names=AXES, **columns):
@@ -48,35 +47,6 @@ def test_from_arrays_empty_rows_are_padding_or_a_gap():
     assert np.array_equal(second.time_s, np.delete(T, [20, 21, 22]))
     filled = Dataset([second]).resample(500)
     assert np.flatnonzero(filled[0].flags).tolist() == [20, 21, 22]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        ({"X": X[0]}, "X has shape"),
-        ({"X": [X[0], X[1][:, :5]]}, r"X\[1\] has shape"),
-        ({"X": []}, "X is empty"),
-        ({"X": "rice"}, "X is a str"),
-        ({"X": X.astype(str)}, "X has dtype"),
-        ({"X": X[:, :, :4]}, "axes names none"),
-        ({"X": [frame()[[*AXES[::-1]]]]}, r"X\[0\] is a DataFrame with named columns; .*from_frames"),
-        ({"X": frame()}, "X is a DataFrame with named columns"),
-        ({"y": Y[:3]}, "y has 3 values for 4 recordings"),
-        ({"y": {*"abcd"}}, "y is a set; wanted a sequence"),  # in no order
-        ({"units": {"fx": "N"}}, "units is a dict; wanted a sequence"),
-        ({"sessions": [1, 2, 3, [4]]}, r"sessions\[3\]"),
-        ({"rate_hz": None}, "rate_hz is missing"),
-        ({"axes": "fx,fy"}, "axes has 2 names"),
-        ({"units": "N,N m,N,N"}, "units has 4 for 6"),
-        ({"units": "lb"}, r"X\[0\], column 'fx': its unit is 'lb'"),
-        ({"X": np.where(PLACES == 700, np.inf, X)}, r"X\[2\], row 16, column 'ty': is inf"),
-        ({"X": np.where(PLACES == 700, np.nan, X)}, "empty or NaN, where others"),
-        ({"X": np.full_like(X, np.nan)}, "holds no samples"),
-    ],
-)
-def test_from_arrays_bad_argument_is_refused_by_name(arguments, named):
-    with pytest.raises((ValueError, TypeError), match=named):
-        Dataset.from_arrays(**{"X": X, "y": Y, "rate_hz": 500, **arguments})
 
 
 class Polars:

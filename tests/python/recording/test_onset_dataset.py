@@ -79,24 +79,6 @@ def test_overruling(data):
         (data + data[:1]).find_onsets(overrule={"rice_00": 0.1})
 
 
-@pytest.mark.parametrize(
-    ("settings", "error", "message"),
-    [
-        ({"overrule": {"rice_1": 0.1}}, ValueError, "no recordings are called 'rice_1'"),
-        ({"overrule": {"rice_01": 9.0}}, ValueError, r"\['rice_01'\] is 9 s; .* lasts from 0 to 3.198 s"),
-        ({"overrule": {"rice_01": "0.1"}}, TypeError, r"overrule\['rice_01'\] must be a number, got '0.1'"),
-        ({"overrule": [("rice_01", 0.1)]}, TypeError, "overrule must map names of recordings to seconds"),
-        ({"rest_s": None}, TypeError, "rest_s must be a number, got None"),
-        ({"rest_s": 0.008}, ValueError, "rest_s=0.008 holds 4 samples at 500 Hz; .*=0.01 or more is wanted"),
-        ({"false_alarm_rate": 2}, ValueError, "false_alarm_rate must be between"),
-        ({"replace": "yes"}, TypeError, "replace must be True or False, got 'yes'"),
-    ],
-)
-def test_bad_settings_are_named(data, settings, error, message):
-    with pytest.raises(error, match=message):
-        data.find_onsets(**settings)
-
-
 def test_irregular_recordings_must_be_resampled_or_overruled():
     times = np.arange(900) / RATE_HZ
     times[5] += 0.0005

@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import re
 
 import numpy as np
 import pytest
@@ -137,49 +136,6 @@ def test_survives_pickle_and_deepcopy_frozen():
         assert twin == r
         assert not twin.wrench.flags.writeable
         assert not twin.time_s.flags.writeable
-
-
-def stamps(*time_s):
-    return {"rate_hz": None, "time_s": time_s}
-
-
-@pytest.mark.parametrize(
-    ("fields", "error", "message"),
-    [
-        ({"wrench": WRENCH.ravel()}, ValueError, "wrench has shape (24,)"),
-        ({"wrench": [[1, 2], [3]]}, ValueError, "wrench is not a rectangular array"),
-        ({"wrench": WRENCH.astype(complex)}, TypeError, "wrench has dtype complex128"),
-        ({"wrench": np.ma.masked_array(WRENCH)}, TypeError, "wrench is a masked array"),
-        ({"wrench": np.where(WRENCH == 8, np.nan, WRENCH)}, ValueError, "wrench[1, 2] (fz) is nan"),
-        ({"rate_hz": None}, ValueError, "exactly one of rate_hz (uniform) and time_s"),
-        ({"time_s": [0, 1, 2, 3]}, ValueError, "time_s (irregular), got both"),
-        (stamps(0, 1, 2), ValueError, "time_s has shape (3,)"),
-        (stamps(1, 2, 3, 4), ValueError, "time_s[0] is 1"),
-        (stamps(0, 1, 1, 2), ValueError, "time_s[2] is 1, behind 1; stamps must"),
-        (stamps(0, np.nan, 1, 3), ValueError, "time_s[1] is nan"),
-        ({"rate_hz": 5e-324}, ValueError, "last for ever"),
-        ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
-        ({"label": ""}, ValueError, "label is empty"),
-        ({"label": "a\nb"}, ValueError, "label 'a\\nb' holds the control character"),
-        ({"label": " rice"}, ValueError, "label ' rice' begins or ends with a space"),
-        ({"session": b"a"}, TypeError, "session must be a str, got bytes"),
-        ({"name": None}, TypeError, "name must be a str"),
-        ({"axes": np.array(["a", "b"])}, TypeError, "axes must be a sequence of names, got ndarray"),
-        ({"start_time": np.nan}, ValueError, "start_time must be finite"),
-        ({"trigger_index": -1}, ValueError, "trigger_index must be at least 0, got -1"),
-        ({"trigger_index": 4}, ValueError, "trigger_index=4 is outside the 4 samples"),
-        ({"flags": [0, 0]}, ValueError, "flags has shape (2,); wanted (4,)"),
-        ({"flags": [0, 0, 16, 0]}, ValueError, "flags holds 16"),
-        ({"flags": [0.0] * 4}, TypeError, "flags has dtype float64"),
-        ({"meta": [1]}, TypeError, "meta must be a mapping"),
-        ({"meta": {1: 2}}, TypeError, "meta has the key 1"),
-        ({"meta": {"a": [np.nan]}}, ValueError, "meta['a'][0] is nan"),
-        ({"meta": {"a": {"b": WRENCH}}}, TypeError, "meta['a']['b'] is a ndarray"),
-    ],
-)
-def test_refuses_naming_the_argument(fields, error, message):
-    with pytest.raises(error, match=re.escape(message)):
-        Recording(**{"wrench": WRENCH, "rate_hz": 500, **fields})
 
 
 def test_units_in_a_row_are_those_of_the_axes():

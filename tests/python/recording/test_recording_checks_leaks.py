@@ -1,10 +1,8 @@
-"""What gives the label away without the forces; the statistics behind it, beside scikit-learn's."""
+"""What gives the label away without the forces; the statistics behind it."""
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from sklearn.model_selection import LeaveOneOut, cross_val_predict
-from sklearn.neighbors import KNeighborsClassifier
 
 from checks_cases import MATERIALS, WHOLE, by_code, codes, damaged, sound_set
 from granular_id.recording import Dataset, Recording
@@ -74,16 +72,6 @@ def test_check_what_each_label_has_of_its_own_is_named(meta, names):
 
 
 # The statistics.
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_share_is_that_of_a_nearest_neighbour_classifier(seed):
-    rng = np.random.default_rng(seed)
-    labels, line = rng.integers(0, 3, 40), rng.normal(size=(40, 1))
-    nearest = nearest_on_a_line(line[:, 0], rng)
-    one = KNeighborsClassifier(1)
-    named = cross_val_predict(one, line, labels, cv=LeaveOneOut())
-    assert (labels[nearest] == labels).tolist() == (named == labels).tolist()
 
 
 @given(st.lists(st.sampled_from([0.0, 1.0, 1.5, 4.0, np.nan]), min_size=2, max_size=30))

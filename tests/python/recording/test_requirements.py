@@ -20,12 +20,6 @@ def recording(n, trigger=None, **fields):
     return Recording(wrench, trigger_index=trigger, **{"rate_hz": RATE, "name": f"r{n}", **fields})
 
 
-@pytest.mark.parametrize("lead_s", [0.05, None])
-def test_crop_of_recordings_of_the_length_keeps_them(lead_s):
-    data = Dataset([recording(N), recording(N, trigger=1)])
-    assert takes(lead_s).crop(data) is data
-
-
 @given(st.lists(st.tuples(st.integers(0, 30), st.integers(5, 10)), min_size=1, max_size=4))
 def test_crop_of_longer_ones_begins_at_trigger_less_lead(sizes):
     data = Dataset([recording(N + more, trigger) for more, trigger in sizes])
@@ -34,7 +28,9 @@ def test_crop_of_longer_ones_begins_at_trigger_less_lead(sizes):
         with pytest.raises(ValueError, match="is too short"):
             takes().crop(data)
         return
-    for (more, trigger), before, after in zip(sizes, data, takes().crop(data), strict=True):
+    cropped = takes().crop(data)
+    assert cropped is data or any(more for more, _ in sizes)
+    for (more, trigger), before, after in zip(sizes, data, cropped, strict=True):
         start = trigger - 5 if more else 0
         assert np.array_equal(after.wrench, before.wrench[start : start + N])
 

@@ -74,20 +74,6 @@ def test_recordings_shorter_than_a_window():
         data.windows(3, on_short="skip")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "problem"),
-    [
-        ((0.04,), r"duration_s=0.04 at 10 Hz is less than one sample"),
-        ((-1,), "duration_s must be positive"),
-        ((1, 0), "hop_s must be positive"),
-        ((1e300,), "none of the"),
-    ],
-)
-def test_windows_that_are_none(arguments, problem):
-    with pytest.raises(ValueError, match=problem):
-        Dataset([drive()]).windows(*arguments, on_short="skip")
-
-
 def test_windows_of_one_recording_are_no_witnesses_of_each_other():
     rng = np.random.default_rng(0)
     about = [{"label": label, "name": f"{label}{k}", "meta": {"tool": k}} for label in "ab" for k in range(5)]

@@ -61,9 +61,3 @@ def test_too_short_a_rest_is_refused_with_one_that_fits(data):
     other = Dataset([data[0], replace(data[1], trigger_index=None)])
     with pytest.raises(ValueError, match=r"1 recording has no trigger_index: 'rice_01'.*find_onsets"):
         other.tare(lead_s=0.1)
-
-
-@pytest.mark.parametrize("lead_s", [0, -1, 1e-9, np.nan])
-def test_refused_leads(data, lead_s):
-    with pytest.raises(ValueError, match="lead_s"):
-        data.tare(lead_s=lead_s)
