@@ -21,6 +21,7 @@ REST = [
     for n, label, session in ((10, "rice", "a"), (12, "peas", "b"), (11, "rice", "b"))
 ]
 DATA = Dataset(REST)
+WEIGHT = Payload(1, (0, 0, 0))
 UNEVEN = Dataset([Recording(np.zeros((3, 6)), time_s=[0, 0.1, 0.22], name="uneven")])
 
 
@@ -42,7 +43,7 @@ CALLS = {
     "tare": DATA.tare,
     "transform": lambda **given: transform(**{"wrench": WRENCH, **given}),
     "Payload": lambda **given: Payload(**{"mass_kg": 1, "centre_of_mass_m": (0, 0, 0), **given}),
-    "compensate": lambda gravity, payload=Payload(1, (0, 0, 0)): DATA.compensate(payload, gravity),
+    "compensate": lambda gravity, payload=WEIGHT: DATA.compensate(payload, gravity),
 }
 
 REFUSED = {
