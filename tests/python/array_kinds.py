@@ -23,6 +23,16 @@ class Lists:
         return np.array(self.values, dtype)
 
 
+class Polars:
+    """As a polars DataFrame shows itself: `columns` is a list, a column is no array but becomes one."""
+
+    def __init__(self, frame):
+        self._frame, self.columns = frame, list(frame.columns)
+
+    def __getitem__(self, name):
+        return self._frame[name].to_list()
+
+
 class Interface:
     """Memory described by the array interface."""
 

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
 import granular_id as gid
+from array_kinds import Polars
 from granular_id.identifier import StreamingIdentifier
 from granular_id.recording import AXES, Recording
 
@@ -12,27 +14,8 @@ RNG = np.random.default_rng(0)
 WRENCH = RNG.normal(size=(40, 6))
 
 
-class Polars:
-    """As a polars DataFrame shows itself: `columns` is a list, a column is no array but becomes one."""
-
-    def __init__(self, frame):
-        self._frame = frame
-        self.columns = list(frame.columns)
-
-    def __getitem__(self, name):
-        return self._frame[name].to_list()
-
-
-class Arrow(Polars):
-    """As a pyarrow Table: `columns` holds arrays."""
-
-    def __init__(self, frame):
-        super().__init__(frame)
-        self.column_names, self.columns = self.columns, [frame[name].to_numpy() for name in frame.columns]
-
-
 TABLES = pytest.mark.parametrize(
-    "table", [lambda frame: frame, Polars, Arrow], ids=["pandas", "polars", "arrow"]
+    "table", [lambda frame: frame, Polars, pa.table], ids=["pandas", "polars", "arrow"]
 )
 
 

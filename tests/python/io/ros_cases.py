@@ -74,19 +74,15 @@ def write_bag2(path, topics, plugin=SQLITE, mode=None, version=9, store=ROS2):
     return path
 
 
-def write_mcap(path, topics, compression="ZSTD", *, encoding="cdr", definitions=True, store=ROS2, **settings):
+def write_mcap(path, topics, compression="ZSTD", *, store=ROS2, **settings):
     """Write an MCAP file of ``{topic: (type, payloads, log times)}``."""
     with path.open("wb") as file:
         writer = McapWriter(file, compression=CompressionType[compression], **settings)
         writer.start(profile="ros2", library="test")
         for topic, (type_name, messages, log_ns) in topics.items():
-            own, schema = (store, "ros2msg") if encoding == "cdr" else (ROS1, "ros1msg")
-            kind = {"ros_version": 2} if encoding == "cdr" else {}
-            text = own.generate_msgdef(type_name, **kind)[0] if definitions is True else definitions
-            schema_id = writer.register_schema(
-                type_name, schema, text if isinstance(text, bytes) else text.encode()
-            )
-            channel = writer.register_channel(topic, encoding, schema_id)
+            text = store.generate_msgdef(type_name, ros_version=2)[0]
+            schema_id = writer.register_schema(type_name, "ros2msg", text.encode())
+            channel = writer.register_channel(topic, "cdr", schema_id)
             for data, time in zip(messages, log_ns, strict=True):
                 writer.add_message(channel, log_time=time, publish_time=time, data=data)
         writer.finish()
@@ -104,8 +100,6 @@ KINDS = (
     *(f"bag2 mcap {mode} v{version}" for mode in (None, "STORAGE", "FILE") for version in (8, 9)),
     *(f"mcap {compression}" for compression in ("NONE", "LZ4", "ZSTD")),
     "mcap unchunked",
-    "mcap bare",
-    "mcap ros1",
 )
 """Every kind of bag that the libraries can write."""
 
@@ -113,8 +107,7 @@ KINDS = (
 def write_kind(kind, folder, wrench, stamps_ns, **about):
     """Write one topic as one of `KINDS`; return the path to read."""
     parts = kind.split()
-    ros1 = kind.startswith("bag1") or kind == "mcap ros1"
-    topics = one_topic(ROS1 if ros1 else ROS2, wrench, stamps_ns, **about)
+    topics = one_topic(ROS1 if kind.startswith("bag1") else ROS2, wrench, stamps_ns, **about)
     if parts[0] == "bag1":
         return write_bag1(folder / "x.bag", topics, None if parts[1] == "None" else parts[1], node="/driver")
     if parts[0] == "bag2":
@@ -123,16 +116,4 @@ def write_kind(kind, folder, wrench, stamps_ns, **about):
     path = folder / "x.mcap"
     if kind == "mcap unchunked":
         return write_mcap(path, topics, use_chunking=False)
-    if kind == "mcap bare":  # nothing that may be left out
-        return write_mcap(
-            path,
-            topics,
-            use_statistics=False,
-            use_summary_offsets=False,
-            repeat_channels=False,
-            repeat_schemas=False,
-            enable_crcs=False,
-        )
-    if kind == "mcap ros1":
-        return write_mcap(path, topics, encoding="ros1")
     return write_mcap(path, topics, parts[1])

@@ -88,16 +88,11 @@ def test_labels_by_default_are_noted(tmp_path, paths):
 def test_labels_of_one_recording_each_are_noted_first(tmp_path):
     tree(tmp_path, "01/rice_1.csv", "02/rice_2.csv", "03/peas_1.csv", "04/peas_2.csv")
     data = load(tmp_path, label="folder")
-    assert (
-        data.history[-1].notes[0].startswith("4 of 4 labels have one recording only ('01', '02', '03', ...)")
-    )
-    assert "no materials, pass label='file' (--label file); or" in data.history[-1].notes[0]
+    note = data.history[-1].notes[0]
+    assert note.startswith("4 of 4 labels have one recording only ('01', '02', '03', ...)")
+    assert "no materials, pass label='file' (--label file); or" in note
     assert not any("one recording" in note for note in load(tmp_path, label="file").history[-1].notes)
-    lines = [
-        "file,label,grain",
-        *(f"0{k}/{n},{k},{n[:4]}" for k, n in enumerate(["rice_1.csv", "rice_2.csv"], 1)),
-    ]
-    lines += ["03/peas_1.csv,3,peas", "04/peas_2.csv,4,peas", ""]
+    lines = ["file,label,grain", *(f"{name},{k},{name[3:7]}" for k, name in enumerate(data.names)), ""]
     (tmp_path / "index.csv").write_text("\n".join(lines))
     assert "pass label='meta:grain' (--label meta:grain)" in load(tmp_path).history[-1].notes[0]
     assert load(tmp_path, label="meta:grain").labels == ("peas", "rice")
@@ -131,9 +126,8 @@ def test_folders_of_two_meanings_have_both_ways_out(tmp_path, paths):
     with pytest.raises(RecordingFileError, match="label='folder'") as caught:
         load(tmp_path)
     assert f"label='{label}', session='{session}'" in str(caught.value)
-    for on_error in ("raise", "skip"):
-        with pytest.raises(RecordingFileError):
-            load(tmp_path, on_error=on_error)
+    with pytest.raises(RecordingFileError, match="label='folder'"):
+        load(tmp_path, on_error="skip")
     data = load(tmp_path, label=label, session=session)
     assert set(data.labels) <= {"rice", "peas"}
     assert len(set(data.sessions)) == 2
@@ -236,7 +230,6 @@ def test_index_says_it_all(tmp_path):
     [
         ("", None, "is empty"),
         ("label\nrice\n", 1, "no column 'file'"),
-        ("path,filename\na.csv,a.csv\n", 1, "no column 'file'"),
         ("file,file\na.csv,a.csv\n", 1, "occurs twice"),
         ("file\n", 2, "lists no file"),
         ("file,label\na.csv\n", 2, "1 cells; wanted 2"),

@@ -7,6 +7,7 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
+from array_kinds import Polars
 from granular_id import Dataset, Recording, SampleFlag
 from granular_id.recording import AXES
 
@@ -47,16 +48,6 @@ def test_from_arrays_empty_rows_are_padding_or_a_gap():
     assert np.array_equal(second.time_s, np.delete(T, [20, 21, 22]))
     filled = Dataset([second]).resample(500)
     assert np.flatnonzero(filled[0].flags).tolist() == [20, 21, 22]
-
-
-class Polars:
-    """As a polars DataFrame shows itself."""
-
-    def __init__(self, table):
-        self._table, self.columns = table, list(table.columns)
-
-    def __getitem__(self, name):
-        return self._table[name].to_list()
 
 
 TABLES = pytest.mark.parametrize("table", [lambda pandas: pandas, Polars, pa.table, dict])

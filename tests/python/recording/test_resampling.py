@@ -179,15 +179,6 @@ def test_a_rate_close_to_the_own_one_is_not_filtered(rate_hz):
     np.testing.assert_allclose(out.wrench, line, atol=1e-9)
 
 
-def test_noise_is_not_swollen_by_jittered_stamps():
-    rng = np.random.default_rng(4)
-    times = (np.arange(4000) + rng.uniform(-0.4, 0.4, 4000)) / 1000
-    noise = rng.normal(size=(4000, 2))
-    out = resampled(Recording(noise, time_s=times - times[0], axes=("a", "b")), 800)
-    assert out.wrench.std() < 1.1
-    assert abs(out.wrench).max() < 7
-
-
 @pytest.mark.parametrize("n", [1, 2, 3, 5, 12, 60])
 @pytest.mark.parametrize("is_uniform", [True, False])
 def test_few_samples_are_resampled_too(n, is_uniform):
