@@ -5,18 +5,17 @@ import re
 import shlex
 import signal
 from contextlib import nullcontext
+from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import granular_id as gid
-from cli_cases import ended_well, refused, run, started
-from granular_id.live import CallbackRobot, SourceInfo, ThreadedSource
+from cli_cases import ended_well, refused, run
+from granular_id.live import CallbackRobot, LiveIdentifier, Recorder, SourceInfo, ThreadedSource
 
 SIM = "sim:?seed=4&speed=20"
-
-ENDED = r"Ended by SIGINT: (the robot is stopped, )?no file was left half-written\.\n"
 
 
 @pytest.fixture(scope="module")
@@ -77,21 +76,6 @@ def test_live_names_pushes_and_says_how_many_were_right(model, tmp_path):
         assert answer["failure"] is None
 
 
-def test_file_of_answers_is_replaced_by_force_only(live, tmp_path):
-    rows = tmp_path / "answers.jsonl"
-    ended_well(*live, "--n", 1, "--quiet", "--json", rows)
-    content = 2 * rows.read_bytes()
-    rows.write_bytes(content)
-    line = refused(*live, "--json", rows)
-    assert line == f"error: --json {rows}: there is such a file already; add --force to replace it"
-    assert rows.read_bytes() == content
-    out = ended_well(*live, "--n", 1, "--quiet", "--json", rows, "--force")
-    assert f"wrote {rows}" in " ".join(out.split())
-    assert len(rows.read_text(encoding="utf-8").splitlines()) == 1
-    rows.write_bytes(b"{}")
-    assert "what is there is not a JSON file" in refused(*live, "--json", rows, "--force")
-
-
 def test_live_prints_what_changes_and_offers_a_page(live):
     out = ended_well(*live, "--n", 1, "--view", "--no-browser")
     assert re.search(r"^SYNTHETIC +[\d.]+ s +Done: rice \(final, after 1\.00 s", out, re.MULTILINE)
@@ -113,31 +97,30 @@ def test_replay_that_is_over_ends_calmly(model, pushes):
 # -- ends
 
 
-def interrupted(*words, after):
-    """Press Ctrl-C after two lines of output that hold some text; return the rest of it."""
-    session = started(*words)
-    try:
-        lines = iter(session.stdout.readline, "")
-        for _ in range(2):
-            assert any(after in line for line in lines)
-        session.send_signal(signal.SIGINT)
-        out, error = session.communicate(timeout=30)
-    finally:
-        session.kill()
-    assert session.returncode == 130
-    assert re.fullmatch(ENDED, error), "the robot may stand between two pushes"
-    return out
+def after_two(call):
+    """Return a method that Ctrl-C ends at its third call."""
+    calls = count()
+
+    def interrupted(*args, **more):
+        if next(calls) == 2:
+            signal.raise_signal(signal.SIGINT)
+        return call(*args, **more)
+
+    return interrupted
 
 
-def test_ctrl_c_ends_record_with_what_there_is(tmp_path, heeding_interrupts):
-    words = ("--source", SIM, "--label", "rice", "--duration-s", 0.5, "-o", tmp_path / "x")
-    out = " ".join(interrupted("record", *words, after="samples, ").split())
-    assert f"wrote {len(list((tmp_path / 'x').rglob('*.npz')))} SYNTHETIC recordings of 1 material" in out
-
-
-def test_ctrl_c_ends_a_session_with_its_summary(live, heeding_interrupts):
-    out = interrupted(*live, "--quiet", after="final: margin")
-    assert re.fullmatch(r"SYNTHETIC: \d+ answers, \d+ right .*", out.splitlines()[-1])
+def test_ctrl_c_ends_sessions_with_what_there_is(live, tmp_path, monkeypatch, heeding_interrupts):
+    monkeypatch.setattr(Recorder, "record", after_two(Recorder.record))
+    monkeypatch.setattr(LiveIdentifier, "_push", after_two(LiveIdentifier._push))
+    record = ("record", "--source", SIM, "--label", "rice", "--duration-s", 0.5, "-o", tmp_path / "x")
+    for words, last in (
+        (record, "wrote 2 SYNTHETIC recordings of 1 material"),
+        ((*live, "--n", 3), "SYNTHETIC: 2 answers, "),
+    ):
+        ended = run(*words)
+        assert ended.exit_code == 130
+        assert ended.stderr == "Ended by SIGINT: no file was left half-written.\n"
+        assert last in ended.stdout
 
 
 # -- refusals
@@ -264,7 +247,7 @@ def grounds(tmp_path_factory):
 def test_live_with_a_hop_answers_as_identify_does(grounds, tmp_path):
     model, file = grounds
     table = tmp_path / "a.csv"
-    out = ended_well("identify", model, file, "--hop-s", 0.5, "--csv", table)
+    ended_well("identify", model, file, "--hop-s", 0.5, "--csv", table)
     labels = [row.split(",")[3] for row in table.read_text(encoding="utf-8").splitlines()[1:]]
     rows = tmp_path / "live.jsonl"
     words = ("--source", f"replay:{file}?speed=20", "--model", model, "--hop-s", 0.5, "--json", rows)

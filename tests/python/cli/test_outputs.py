@@ -36,6 +36,7 @@ WRITTEN = [
     ("identify {model} {small} -q", "--json", "r.json"),
     ("identify {model} {small} -q", "--csv", "r.csv"),
     ("identify {model} {small} -q --hop-s 0.2", "--csv", "r.csv"),
+    ("live --source sim:rice?rate_hz=125&speed=20 --model {model} --pre-s 0.1 --n 1 -q", "--json", "r.jsonl"),
     ("adapt {model} {small} --labelled -q", "--output", "m.safetensors"),
     ("model {model}", "--json", "r.json"),
     ("data check {small}", "--json", "r.json"),

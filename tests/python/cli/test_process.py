@@ -5,10 +5,12 @@ import re
 import signal
 import subprocess
 import time
+from unittest.mock import Mock
 
 import pytest
 
 from cli_cases import run, saved, started
+from effort import cases
 from granular_id import save
 from granular_id._text import install
 from granular_id.synthetic import synthesize
@@ -77,27 +79,24 @@ def test_missing_extra_is_named():
     )
 
 
-@pytest.mark.parametrize(
-    ("words", "begins"),
-    [
-        ("train x.npz -o out/m", "220 recordings, 11 materials"),
-        ("demo -o out/new/demo", "simulating 220 pushes: SYNTHETIC"),
-    ],
-)
-def test_ctrl_c_leaves_neither_files_nor_folders(tmp_path, monkeypatch, words, begins):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "out").mkdir()
+def test_ctrl_c_leaves_no_file(tmp_path):
     save(synthesize(n_per_class=20, duration_s=1.0), tmp_path / "x.npz")
-    with started(*words.split(), stdout=subprocess.DEVNULL) as running:
+    with started("train", tmp_path / "x.npz", "-o", tmp_path / "m", stdout=subprocess.DEVNULL) as running:
         try:
-            assert running.stderr.readline().startswith(begins)
+            assert running.stderr.readline().startswith("220 recordings, 11 materials")
             running.send_signal(signal.SIGINT)
             _, errors = running.communicate(timeout=30)
         finally:
             running.kill()
     assert running.returncode == 130
     assert errors.splitlines()[-1] == "Interrupted: no file was left half-written."
-    assert list((tmp_path / "out").iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["x.npz"]
+
+
+def test_demo_that_is_interrupted_leaves_no_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr("granular_id.synthetic.synthesize", Mock(side_effect=KeyboardInterrupt))
+    assert run("demo", "-o", tmp_path / "new" / "demo").exit_code == 130
+    assert list(tmp_path.iterdir()) == []
 
 
 READING = """
@@ -108,9 +107,10 @@ load(sys.argv[1])
 begun_s = time.monotonic()
 load(sys.argv[1])
 took_s = time.monotonic() - begun_s
-for k in range(60):
+n = int(sys.argv[2])
+for k in range(n):
     try:
-        threading.Timer(took_s * k / 60, os.kill, (os.getpid(), signal.SIGINT)).start()
+        threading.Timer(took_s * k / n, os.kill, (os.getpid(), signal.SIGINT)).start()
         data = load(sys.argv[1], on_error="skip")
         time.sleep(took_s)
     except KeyboardInterrupt:
@@ -121,22 +121,20 @@ for k in range(60):
 
 def test_ctrl_c_while_files_are_read_makes_none_bad(tmp_path):
     data = synthesize(["rice"], n_per_class=8)
-    running = started(saved(data, tmp_path / "pushes"), code=READING)
+    running = started(saved(data, tmp_path / "pushes"), cases(20), code=READING)
     assert running.communicate(timeout=60) == ("", "")
     assert running.returncode == 0
 
 
-UNREAD = [
-    "--help",
-    "model {model} --details",
-    "identify {model} {folder} -q",
-    "data check {folder}",
-    "live --source sim:rice?speed=20 --model {model} --robot none",
-]
-
-
 @pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX systems")
-@pytest.mark.parametrize("typed", UNREAD)
+@pytest.mark.parametrize(
+    "typed",
+    [
+        "--help",
+        "identify {model} {folder} -q",
+        "live --source sim:rice?speed=20 --model {model} --robot none",
+    ],
+)
 def test_output_that_nobody_reads_ends_quietly(folder, model, typed):
     read, write = os.pipe()
     os.close(read)
@@ -186,16 +184,15 @@ needs_terminal = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a 
 
 
 @needs_terminal
-def test_progress_bar_leaves_nothing_behind(folder):
-    words = ("evaluate", folder, "--paper", "100,2,1", "--spaces", "hfmh")
-    with Terminal(words) as terminal:
+def test_progress_bar_leaves_nothing_behind(folder, tmp_path):
+    with Terminal(("archive", "add", tmp_path / "fleet", folder)) as terminal:
         terminal.read_until("a text that never comes")
         out, _ = terminal.running.communicate(timeout=60)
         assert terminal.running.returncode == 0
-    assert "hfmh: partition" in terminal.shown
+    assert "recordings: uniform" in terminal.shown
     assert terminal.shown.rstrip().endswith(("\x1b[2K", "\x1b[?25h"))
-    assert "partition 4" not in out
-    assert out.startswith("hfmh names ")
+    assert "recordings: uniform" not in out
+    assert out.startswith("added 30 recordings")
 
 
 class ClosesItself:

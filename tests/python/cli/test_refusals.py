@@ -67,6 +67,10 @@ BEFORE_READING = [
     ("adapt a.safetensors b.safetensors -o c", "is no recordings but a model file: MODEL comes first"),
     ("adapt broken.npz broken.npz -o c", "give --labelled, ... neither is given"),
     ("extract broken.npz -o out --space raw --model m", "--space and --model both say which features"),
+    ("archive info absent", "absent: no such file or folder"),
+    ("archive add new absent", "absent: no such file or folder"),
+    ("archive add . .", "give the archive another place"),
+    ("archive add . broken.npz", "give the archive another place"),
 ]
 
 
@@ -86,6 +90,7 @@ AFTER_READING = [
     ("train {folder} -o m --background salt", "background names 'salt', of which there is no recording"),
     ("identify {folder} {model}", "MODEL comes first, got {folder}: granular-id identify MODEL PATH"),
     ("identify {model} {folder} {folder} -o out", "-o takes the answers about one archive, got 2: name one"),
+    ("archive add {folder}/fleet {folder}", "give the archive another place"),
     ("model {model} --json {model}", "belongs to"),
     ("data convert {folder} x.npz --tare-s 9 --on-error skip", "none of 30 recordings has 9 s of rest"),
     ("setup payload {folder} -o t.json", "error: gravity must be given"),  # there is no --gravity here

@@ -27,8 +27,8 @@ def model(tmp_path_factory):
 @pytest.fixture
 def commands(tmp_path, model):
     return {
-        "record": ("record", "--source", "sim:?seed=1", "--label", "rice", "-o", tmp_path / "data"),
-        "live": ("live", "--source", "sim:rice?seed=1", "--model", model, "--pre-s", "0.25", "-q"),
+        "record": ("record", "--source", "bench://here", "--label", "rice", "-o", tmp_path / "data"),
+        "live": ("live", "--source", "bench://here", "--model", model, "--pre-s", "0.25", "-q"),
     }
 
 

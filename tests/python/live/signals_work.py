@@ -8,9 +8,23 @@ import signal
 import sys
 import threading
 from contextlib import nullcontext, suppress
+from types import SimpleNamespace
 
-from granular_id.live import CaptureError, Recorder, host_ns, opened, signals, stop_on_signals, supervisor
-from granular_id.live.sim import SimRobot, SimSource
+import numpy as np
+
+from granular_id.live import (
+    CaptureError,
+    Recorder,
+    SourceInfo,
+    ThreadedSource,
+    host_ns,
+    opened,
+    signals,
+    source as sources,
+    stop_on_signals,
+    supervisor,
+)
+from granular_id.live.robot import TimedMotion
 
 NOTES, HOW, *WORDS = os.fdopen(int(sys.argv[1]), "w", encoding="utf-8"), *sys.argv[2:]
 moves, once = threading.Event(), iter([True])
@@ -21,13 +35,30 @@ def note(what):
     NOTES.flush()
 
 
-class NotingRobot(SimRobot):
+class Bench(ThreadedSource):
+    """A sensor that feels nothing."""
+
+    def __init__(self, _url=None):
+        super().__init__(SourceInfo("bench", 500, device_clock=True, synthetic=True))
+
+    def deliver(self, buffer, stopping):
+        pace, n = sources.Pace(self.info), 0
+        while not stopping.wait(pace.period_s):
+            ticks = n + np.arange(pace.due(n))
+            buffer.push_block(0.01 * np.sin(ticks[:, None] * np.ones(6)), ticks / 500)
+            n += len(ticks)
+
+    def robot(self):
+        return NotingRobot()
+
+
+class NotingRobot:
     """Notes when the tool moves and each call of `stop`."""
 
     n_stops = 0
 
-    def move_line(self, *what):
-        motion = super().move_line(*what)
+    def move_line(self, _direction, _speed_m_s, duration_s):
+        self.motion = motion = TimedMotion(host_ns(), duration_s)
         ended = motion.finished
 
         def finished():
@@ -47,7 +78,10 @@ class NotingRobot(SimRobot):
             threading.Event().wait()
         if HOW == "broken":
             raise ConnectionError("the arm does not answer")
-        super().stop()
+        self.motion.cancel()
+
+    def move_back(self):
+        """Stay."""
 
 
 def on_step(*_):
@@ -63,7 +97,7 @@ def on_step(*_):
 
 
 def record(folder):
-    with opened("sim:rice?seed=1") as stream:
+    with opened(Bench()) as stream:
         recorder = Recorder(stream, stream.source.robot(), folder, on_step=on_step)
         try:
             while True:
@@ -93,5 +127,5 @@ def main():
                 record(*WORDS)
 
 
-SimSource.robot = lambda source: NotingRobot(source)  # noqa: PLW0108 (a class would not be bound)
+sources.entry_points = lambda group: [SimpleNamespace(name="bench", load=lambda: Bench)]
 main()
