@@ -45,6 +45,9 @@ def test_options_reach_the_evaluation(folder, tmp_path):
     settings = result["settings"]["transformers"]["hfmh"]
     assert (settings["cutoff_hz"], settings["rate_hz"], settings["bin_range"]) == (11.0, 125.0, [-0.5, 0.25])
     assert (result["settings"]["seed"], result["settings"]["by"]) == (9, "random")
+    words = ("--paper", "2,6,3", "--spaces", "hfmh", "--json", tmp_path / "paper.json")
+    ended_well("evaluate", folder, *words)
+    assert written(tmp_path / "paper.json")["settings"]["paper"] == [2, 6, 3]
 
 
 def test_quiet_prints_accuracies_and_files(folder, tmp_path):

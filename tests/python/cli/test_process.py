@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import time
+from contextlib import suppress
 from unittest.mock import Mock
 
 import pytest
@@ -69,14 +70,12 @@ def test_missing_extra_is_named():
         "run('evaluate', '.', '--report', 'r.html')\n"
     )
     out, errors = process(code)
-    lines = out.splitlines()
-    for missing, message in zip(("typer", "rich"), lines, strict=False):
-        needed = f"granular-id: the command line needs {missing}: {install('app')}"
-        assert message == f"exit {needed}", "Python prints it and exits with 1"
-    assert lines[2] == "exit 1"
-    assert (
-        " ".join(errors.replace("\\\n", "").split()) == f"error: a report needs matplotlib: {install('app')}"
+    needed = [f"granular-id: the command line needs {name}: {install('app')}" for name in ("typer", "rich")]
+    assert out.splitlines() == [*(f"exit {line}" for line in needed), "exit 1"], (
+        "Python prints it, and ends in 1"
     )
+    errors = " ".join(errors.replace("\\\n", "").split())
+    assert errors == f"error: a report needs matplotlib: {install('app')}"
 
 
 def test_ctrl_c_leaves_no_file(tmp_path):
@@ -149,48 +148,20 @@ def test_output_that_nobody_reads_ends_quietly(folder, model, typed):
 # -- on a terminal
 
 
-class Terminal:
-    """A process whose standard error is a pseudo-terminal."""
-
-    def __init__(self, words):
-        self.screen, theirs = os.openpty()
-        self.shown = ""
-        self.words = [str(word) for word in words]
-        self.running = started(*self.words, module="granular_id.cli", stderr=theirs)
-        os.close(theirs)
-
-    def read(self):
-        try:
-            more = os.read(self.screen, 65536).decode(errors="replace")
-        except OSError:  # how Linux says that the other end was closed
-            more = ""
-        self.shown += more
-        return more
-
-    def read_until(self, text):
-        while text not in self.shown and self.read():
-            pass
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *error):
-        self.running.kill()
-        self.running.communicate()
-        os.close(self.screen)
-
-
-needs_terminal = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
-
-
-@needs_terminal
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
 def test_progress_bar_leaves_nothing_behind(folder, tmp_path):
-    with Terminal(("archive", "add", tmp_path / "fleet", folder)) as terminal:
-        terminal.read_until("a text that never comes")
-        out, _ = terminal.running.communicate(timeout=60)
-        assert terminal.running.returncode == 0
-    assert "recordings: uniform" in terminal.shown
-    assert terminal.shown.rstrip().endswith(("\x1b[2K", "\x1b[?25h"))
+    screen, theirs = os.openpty()
+    words = ("archive", "add", tmp_path / "fleet", folder)
+    running, shown = started(*words, module="granular_id.cli", stderr=theirs), ""
+    os.close(theirs)
+    with suppress(OSError):  # how Linux says that the other end was closed
+        while more := os.read(screen, 65536):
+            shown += more.decode(errors="replace")
+    out, _ = running.communicate(timeout=60)
+    os.close(screen)
+    assert running.returncode == 0
+    assert "recordings: uniform" in shown
+    assert shown.rstrip().endswith(("\x1b[2K", "\x1b[?25h"))
     assert "recordings: uniform" not in out
     assert out.startswith("added 30 recordings")
 

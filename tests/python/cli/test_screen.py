@@ -1,9 +1,7 @@
 """One screen: each command prints at most 24 lines of 80 columns, the answer first; its options are few and used."""
 
-import re
 import shlex
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import typer.main
@@ -13,8 +11,6 @@ from granular_id.cli.app import app
 from granular_id.io import save
 from granular_id.recording import Dataset
 from granular_id.synthetic import synthesize
-
-ROOT = Path(__file__).parents[3]
 
 COMMANDS = {
     "evaluate": "evaluate {wide} --report r.html --json r.json --csv p.csv",
@@ -58,13 +54,8 @@ def made(folder, model, tmp_path_factory):
         place / "spoiled.npz",
     )
     save(Dataset([*make(4, jitter=0.5), *wide.resample(50)]), place / "odd.npz")
-    files = {
-        "small": folder,
-        "model": model,
-        "wide": place / "wide.npz",
-        "odd": place / "odd.npz",
-        "spoiled": place / "spoiled.npz",
-    }
+    files = {name: place / f"{name}.npz" for name in ("wide", "odd", "spoiled")}
+    files |= {"small": folder, "model": model}
     files |= {"simulated": place / "simulated.safetensors", "archive": place / "fleet"}
     for words in ("archive add {archive} {small}", "train {wide} -o {simulated} --space multiband"):
         assert run(*shlex.split(words.format(**files))).exit_code == 0
@@ -108,20 +99,6 @@ def test_commands_and_their_options_are_few():
     many = {name: len(options) for name, options in SLOTS.items() if len(options) > 14}
     assert many.keys() <= {"data convert", "live"}
     assert max(many.values()) <= 25
-
-
-def test_every_option_stands_on_a_page():
-    pages = [ROOT / "README.md", ROOT / "contrib" / "README.md", *(ROOT / "docs").rglob("*.md")]
-    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
-    named = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", text))
-    short = {"--output": "-o", "-n": "-n", "--n": "-n"}
-    unused = {
-        f"{name} {option}"
-        for name, options in SLOTS.items()
-        for option in options
-        if option not in named and short.get(option) not in named
-    }
-    assert not unused
 
 
 def test_every_command_has_examples_in_its_help():
