@@ -199,6 +199,15 @@ def test_append_to_something_else_is_refused(tmp_path, place):
     assert files(tmp_path) == [place]
 
 
+def test_index_file_of_other_axes_is_refused(tmp_path):
+    append(tmp_path / "a", Dataset(PUSHES[:1]))
+    append(tmp_path / "b", Dataset([replace(PUSHES[0], axes=tuple("abcdef"))]))
+    index = index_in(tmp_path / "b")
+    index.rename(tmp_path / "a" / index.name)
+    with pytest.raises(RecordingFileError, match="lists other axes"):
+        Archive(tmp_path / "a")
+
+
 def test_index_file_lists_only_its_own_samples(tmp_path):
     append(tmp_path, Dataset(PUSHES))
     index_in(tmp_path).rename(tmp_path / f"recordings-{'0' * 32}.parquet")

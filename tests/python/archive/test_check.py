@@ -46,10 +46,9 @@ def places(report):
     return [(Path(problem.path).name, problem.place) for problem in report.problems]
 
 
-@pytest.mark.parametrize("n_jobs", [None, 2])
-def test_check_of_a_sound_archive_finds_nothing(folder, n_jobs):
+def test_check_of_a_sound_archive_finds_nothing(folder):
     steps = []
-    report = check(folder, n_jobs=n_jobs, progress=lambda *step: steps.append(step[:2]))
+    report = check(folder, n_jobs=2, progress=lambda *step: steps.append(step[:2]))
     assert (report.ok, report.n_recordings, report.problems, report.leftovers) == (True, 8, (), ())
     assert steps == [(i, 5) for i in range(1, 6)]
     assert str(report) == f"{folder}: 8 recordings, no problems"
@@ -132,14 +131,16 @@ def test_check_finds_a_damaged_index_and_the_others(folder):
     assert (report.n_recordings, len(report.problems)) == (0, 3)
 
 
-def test_check_refuses_what_is_no_archive(tmp_path):
-    with pytest.raises(FileNotFoundError, match="no such file or folder"):
-        checked(tmp_path / "a")
-    with pytest.raises(RecordingFileError, match=r"is no archive: no recordings-\*.parquet lies in it"):
-        checked(tmp_path)
-
-
-@pytest.mark.parametrize("options", [{"n_jobs": 0}, {"n_jobs": "all"}, {"progress": 3}])
-def test_check_names_bad_arguments(folder, options):
-    with pytest.raises((TypeError, ValueError), match=next(iter(options))):
-        check(folder, **{"progress": False, **options})
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"archive": "absent"}, FileNotFoundError, "no such file or folder"),
+        ({"archive": "."}, RecordingFileError, r"is no archive: no recordings-\*.parquet lies in it"),
+        ({"n_jobs": 0}, ValueError, "n_jobs"),
+        ({"progress": 3}, TypeError, "progress"),
+    ],
+)
+def test_check_of_what_cannot_be_is_refused(folder, monkeypatch, options, error, message):
+    monkeypatch.chdir(folder.parent)
+    with pytest.raises(error, match=message):
+        check(**{"archive": folder, "progress": False, **options})
