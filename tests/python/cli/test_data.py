@@ -112,12 +112,10 @@ def test_convert_finds_onsets(pushes, tmp_path):
     ended_well("data", "convert", pushes, tmp_path / "x.npz", *words)
     found = load(pushes).find_onsets(replace=True).align("shortest", trigger="recorded", lead_s=0.05)
     assert (load(tmp_path / "x.npz").X == found.X).all()
-    untriggered = save(
-        Dataset([replace(one, trigger_index=None) for one in load(pushes)]), tmp_path / "u.npz"
-    )
-    line = refused("data", "convert", untriggered, tmp_path / "t.npz", "--tare-s", 0.05)
-    (way,) = re.findall(r"\((--begin-at onset)\)", line)
-    ended_well("data", "convert", untriggered, tmp_path / "t.npz", "--tare-s", 0.05, *way.split())
+    plain = save(Dataset([replace(one, trigger_index=None) for one in load(pushes)]), tmp_path / "u.npz")
+    words = ("data", "convert", plain, tmp_path / "t.npz", "--tare-s", 0.05)
+    (way,) = re.findall(r"\((--begin-at onset)\)", refused(*words))
+    ended_well(*words, *way.split())
     assert load(tmp_path / "t.npz")[0].meta["tare"] == "rest"
 
 

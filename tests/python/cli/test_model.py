@@ -39,9 +39,7 @@ def test_train_takes_settings_and_background(folder, tmp_path):
     ended_well("train", folder, "-o", file, *words, "--seed", 4, "--quiet")
     identifier = Identifier.load(file)
     assert (identifier.spec.cutoff_hz, identifier.classes) == (11.0, LABELS[1:])
-    out = ended_well("model", file, "--details")
-    assert f"background, never named: {LABELS[0]} (10)" in out
-    assert "histogram of 100 bins" in out
+    assert f"background, never named: {LABELS[0]} (10)" in ended_well("model", file, "--details")
 
 
 def test_one_recording_of_each_material_gives_no_estimate(tmp_path):
@@ -49,9 +47,7 @@ def test_one_recording_of_each_material_gives_no_estimate(tmp_path):
     out = ended_well("train", data, "-o", tmp_path / "m.safetensors", "--space", "hfmh")
     why = "fewer than two materials have more than one recording"
     assert f"accuracy: not known: {why}" in out
-    info = ended_well("model", tmp_path / "m.safetensors")
-    for what in ("early answers", "candidates", "unknown materials"):
-        assert f"\n{what}: none: no recordings were held out\n" in info
+    assert "\ncandidates: none: no recordings" in ended_well("model", tmp_path / "m.safetensors")
     line = refused("train", data, "-o", tmp_path / "n.safetensors", "--figure", tmp_path / "f.png")
     assert line.startswith(f"error: --figure shows held-out recordings, and there are none: {why}")
     assert not (tmp_path / "n.safetensors").exists()
@@ -60,13 +56,7 @@ def test_one_recording_of_each_material_gives_no_estimate(tmp_path):
 def test_model_prints_and_writes_what_the_file_holds(model, tmp_path):
     out = ended_well("model", model, "--details", "--json", tmp_path / "i.json")
     identifier = Identifier.load(model)
-    for words in (
-        "materials: 3: oat, rice, sugar\n",
-        "takes: 60 samples at 125 Hz (0.48 s)",
-        "classifier: 3 learners, hinge loss\n",
-        "accuracy, halves in time order: ",
-        f"granular-id {_core.__version__}",
-    ):
+    for words in ("materials: 3: oat, rice, sugar\n", "classifier: 3 learners, hinge loss\n"):
         assert words in out, words
     numbers = written(tmp_path / "i.json")
     assert numbers["trained"] == identifier.trained
@@ -258,18 +248,15 @@ def loud(tmp_path_factory):
     return save(Dataset(data), tmp_path_factory.mktemp("explain") / "loud.npz")
 
 
-@pytest.mark.parametrize("space", ["raw", "multiband"])
-def test_explain_prints_and_writes_contributions(loud, tmp_path, space):
+def test_explain_prints_and_writes_contributions(loud, tmp_path):
     pytest.importorskip("matplotlib")
-    words = ("--space", space, "--figure", tmp_path / "why.png", "--json", tmp_path / "why.json")
-    out = ended_well("explain", loud, "rice", "oat", *words)
+    words = ("explain", loud, "rice", "oat", "--space", "multiband")
+    out = ended_well(*words, "--figure", tmp_path / "why.png", "--json", tmp_path / "why.json")
     assert re.search(r"^block +fx +fy +fz +(tx +ty +tz +)?sum$", out, re.M)
     assert (tmp_path / "why.png").stat().st_size > 10_000
     read = written(tmp_path / "why.json")
     assert sum(read["features"]["contributions"]) == pytest.approx(read["difference"])
-    assert ("band" in read["tables"]) == (space == "multiband")
-    whole = ended_well("explain", loud, "rice", "oat", "--space", space, "--details")
-    assert ("\nband " in whole, "\ntime " in whole) == (space == "multiband", True)
+    assert "\nband " in ended_well(*words, "--details")
 
 
 def test_explain_trains_the_model_of_train(loud, tmp_path):
@@ -282,18 +269,10 @@ def test_explain_trains_the_model_of_train(loud, tmp_path):
 
 
 def test_labels_with_blanks_are_typed_with_underscores(loud, tmp_path):
-    def named(file, *labels):
-        given = dict(zip(("rice", "oat"), labels, strict=True))
-        return save(Dataset([replace(one, label=given[one.label]) for one in load(loud)]), tmp_path / file)
-
-    words = ("red clay", "red_clay", "--space", "raw")
-    out = ended_well("explain", named("both.npz", "red clay", "red_clay"), *words)
-    assert "\nred clay " in out
-    assert "\nred_clay " in out
-    one = named("one.npz", "red clay", "peas")
-    assert "must be two materials, got 'red clay' twice" in refused("explain", one, *words)
-    rye = [replace(each, label="rye", session="day 9") for each in load(one)[::2]]
-    three = save(Dataset([*load(one), *rye]), tmp_path / "three.npz")
+    data = [replace(one, label={"rice": "red clay"}.get(one.label, "peas")) for one in load(loud)]
+    rye = [replace(each, label="rye", session="day 9") for each in data[::2]]
+    three = save(Dataset([*data, *rye]), tmp_path / "three.npz")
+    assert "\nred clay " in ended_well("explain", three, "red_clay", "peas", "--space", "raw")
     words = ("--space", "raw", "--background", "red_clay", "--quiet")
     ended_well("train", three, "-o", tmp_path / "m.safetensors", *words)
     assert Identifier.load(tmp_path / "m.safetensors").classes == ("peas", "rye")
