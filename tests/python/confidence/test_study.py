@@ -166,9 +166,6 @@ def test_bad_arguments_are_refused(data, settings, message):
         confidence_study(**{"data": data, "space": "hfmh", **settings})
 
 
-# -- the figure
-
-
 def test_figure_shows_the_figures(study, tmp_path):
     pytest.importorskip("matplotlib")
     figure = plot_confidence(study, path=tmp_path / "f.png")

@@ -25,20 +25,6 @@ from granular_id.splits import hold_out
 PAPER = (3, 6, 3)
 
 
-def naive_labels(train, y_train, test):
-    """One scikit-learn machine per pair, hinge losses averaged by hand, smallest loss wins."""
-    labels = sorted(set(y_train.tolist()))
-    losses = np.zeros((len(test), len(labels)))
-    for a in range(len(labels)):
-        for b in range(a + 1, len(labels)):
-            pair = np.isin(y_train, [labels[a], labels[b]])
-            machine = SVC(kernel="linear", tol=1e-8).fit(train[pair], y_train[pair] == labels[a])
-            score = machine.decision_function(test)
-            losses[:, a] += np.maximum(0, 1 - score) / 2
-            losses[:, b] += np.maximum(0, 1 + score) / 2
-    return np.array(labels)[losses.argmin(axis=1)]
-
-
 @pytest.mark.parametrize("name", THREE)
 def test_answers_equal_a_plain_loop_over_folds_and_pairs(data, evaluated, name):
     y, held = data.y, evaluated.held[name]
@@ -48,7 +34,6 @@ def test_answers_equal_a_plain_loop_over_folds_and_pairs(data, evaluated, name):
         plain = ECOCClassifier().fit(features[train], y[train])
         np.testing.assert_array_equal(held.rows[held.fold == k], test)
         np.testing.assert_array_equal(answers, plain.predict(features[test]))
-        np.testing.assert_array_equal(answers, naive_labels(features[train], y[train], features[test]))
         np.testing.assert_allclose(held.values[held.fold == k], plain.decision_function(features[test]))
     assert 0.3 < held.accuracy < 1.0  # labels mean little where all are right
 
@@ -97,6 +82,7 @@ def test_a_random_classifier_is_seeded_by_fold(data):
     assert list(one.predictions()) == list(two.predictions()) != list(other.predictions())
     assert one.gap == two.gap
     assert forest.random_state is None
+    assert not hasattr(forest, "classes_")
 
 
 def test_values_of_pairs_are_not_taken_for_those_of_classes(data):
@@ -134,9 +120,6 @@ def test_steps_that_learn_are_fitted_on_training_rows_only(data):
     same = evaluate(data, {"mine": Memory(learns=False)}, paper=PAPER, **QUIET)
     assert Memory.fitted_on == [total(slice(None))]
     assert list(same.predictions()) == list(result.predictions())
-
-
-# What is recorded.
 
 
 def test_settings_versions_and_command_are_recorded(evaluated):
@@ -200,13 +183,6 @@ def test_an_exception_from_progress_ends_the_run(data, error, n_jobs):
     assert threading.active_count() <= before + 2
 
 
-def test_input_is_untouched(data):
-    before, classifier = data.X.tobytes(), ECOCClassifier()
-    evaluate(data, "raw", classifier=classifier, progress=False)
-    assert data.X.tobytes() == before
-    assert not hasattr(classifier, "classes_")
-
-
 def test_settings_of_any_estimator_become_json():
     imputer = SimpleImputer(missing_values=np.nan)
     function = FunctionTransformer(flat, inv_kw_args={"a": np.float64(np.inf)})
@@ -215,9 +191,6 @@ def test_settings_of_any_estimator_become_json():
     assert '"missing_values": "nan"' in text
     assert '"C": 0.5' in text
     assert describe_estimator(function)["func"] == "evaluation_cases.flat"  # not where it lies in memory
-
-
-# Findings.
 
 
 def copied(data, session):
@@ -250,9 +223,6 @@ def test_no_session_is_asked_for_where_days_are_held_out(data):
     assert ["no recording says which session" in " ".join(said[by]) for by in said] == [True, False]
 
 
-# What is refused.
-
-
 class Broken(TransformerMixin, BaseEstimator):
     def __init__(self, value=np.nan, learns=False):
         self.value = value
@@ -268,6 +238,7 @@ class Broken(TransformerMixin, BaseEstimator):
 
 
 OTHER_RATE = r"spaces\['mine'\]: .* has rate_hz=100, the recordings have 500 Hz"
+SHORTER = Dataset([*make_data(), Recording(np.zeros((70, 6)), 500.0, label="oat", name="odd")])
 NOT_FINITE = "feature space 'mine' must give finite features, got {} in column 3"
 
 
@@ -275,6 +246,7 @@ NOT_FINITE = "feature space 'mine' must give finite features, got {} in column 3
     ("change", "kind", "message"),
     [
         ({"data": np.zeros((4, 5, 6))}, TypeError, "data must be a granular_id.Dataset, got ndarray"),
+        ({"data": SHORTER}, ValueError, r"differ in length .* call \.align\("),
         ({"spaces": "wavelets"}, ValueError, "spaces must be among 'all', 'paper', .*, got 'wavelets'"),
         ({"spaces": []}, ValueError, "at least one feature space, got none"),
         ({"spaces": StandardScaler()}, TypeError, "names or a mapping, .* got StandardScaler"),
@@ -284,13 +256,10 @@ NOT_FINITE = "feature space 'mine' must give finite features, got {} in column 3
         ({"spaces": {"": StandardScaler()}}, TypeError, "a name must be non-empty text"),
         ({"spaces": {"flat": FunctionTransformer()}}, ValueError, r"'flat' must give an array \(n, D\)"),
         ({"spaces": {"mine": RawHFMH(rate_hz=100.0)}}, ValueError, OTHER_RATE),
-        ({"spaces": {"mine": make_pipeline(make_pipeline(HFMH(rate_hz=100.0)))}}, ValueError, OTHER_RATE),
         ({"spaces": {"mine": Broken(np.nan, True)}}, ValueError, NOT_FINITE.format("nan")),
-        ({"by": "speed"}, ValueError, "by='speed' cannot be held out, as no recording states it"),
         ({"by": "session", "paper": True}, ValueError, "by='session' has no use with paper"),
         ({"paper": True}, ValueError, r"pass paper=\(20, 8, 2\) \(--paper 20,8,2\)$"),
         ({"paper": (1, 2)}, TypeError, r"paper must be True or three numbers, .* got \(1, 2\)"),
-        ({"paper": (3, 9, 3)}, ValueError, r"class 'oat' has 10 .* 12: 9 to train, 3 to test"),
         ({"classifier": SVC}, TypeError, "classifier must be a classifier of scikit-learn"),
         ({"classifier": SVC(), "spaces": "best"}, ValueError, "classifier has no use: best has one"),
         ({"baselines": "yes"}, TypeError, "baselines must be"),
@@ -310,28 +279,9 @@ def test_the_counts_that_a_refusal_offers_fit(data):
     assert len(evaluate(data, "raw", paper=(2, 8, 2), **QUIET).folds) == 2
 
 
-@pytest.mark.parametrize(
-    ("odd", "message"),
-    [
-        ({"label": "oat", "wrench": np.zeros((70, 6))}, r"differ in length .* call \.align\("),
-        ({"label": "oat", "rate_hz": 400.0}, r"differ in rate .* call \.resample\(rate_hz\)"),
-        ({}, "'odd'"),
-    ],
-)
-def test_a_recording_unlike_the_others_is_refused(odd, message):
-    other = Recording(**{"wrench": np.zeros((80, 6)), "rate_hz": 500.0, "name": "odd", **odd})
-    with pytest.raises(ValueError, match=message):
-        evaluate(Dataset([*make_data(), other]), "raw", **QUIET)
-
-
 def test_transformers_take_the_rate_of_the_recordings():
     data = changed(make_data(n=4), rate_hz=lambda r: 100.0)
     pipeline = make_pipeline(Tare(tare_s=0.1), RawHFMH())
     result = evaluate(data, {"mine": pipeline, "raw": RawSignal()}, **QUIET)
     assert '"rate_hz": 100.0' in json.dumps(result.settings["transformers"])
     assert pipeline[0].rate_hz is None
-
-
-def test_recordings_that_are_all_equal_are_named_by_chance(data):
-    equal = Dataset([type(r)(**{**vars(r), "wrench": data[0].wrench}) for r in data])
-    assert evaluate(equal, "raw", accept="duplicates", **QUIET).accuracy() == 0.25

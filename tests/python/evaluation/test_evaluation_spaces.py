@@ -92,21 +92,6 @@ def test_convergence_warnings_are_counted_and_others_pass():
     assert lines == [*counted, "raw: 2 other warnings of this kind"]
 
 
-def test_a_constant_axis_changes_nothing_that_the_others_tell(data):
-    silent = []
-    for r in data:
-        wrench = r.wrench.copy()
-        wrench[:, 2] = 2.5
-        silent.append(type(r)(**{**vars(r), "wrench": wrench}))
-    spaces = {name: space for name, space in SPACES.items() if name != "permuted"}
-    result = evaluate(type(data)(silent), spaces, **PAPER)
-    assert any("never changes (fz)" in note for note in result.notes)
-    assert {name: held.accuracy for name, held in result.held.items() if held.accuracy <= 0.3} == {}
-
-
-# Spaces that choose.
-
-
 def test_choices_on_training_sessions_are_written_and_shown(tmp_path):
     data = Dataset(
         [
@@ -131,9 +116,6 @@ def test_choices_on_training_sessions_are_written_and_shown(tmp_path):
     few.fit(data.X[:, :10, 0], data.y)
     mixed = replace(result, chosen={"best": (few.choice_, *of_each[:2])})
     assert [row[0] for row in choice_tables(mixed)[0].rows] == [row[0] for row in table.rows]
-
-
-# Conditions: models adapt to half of what is held out.
 
 
 def own_space(**settings):

@@ -53,9 +53,6 @@ def test_unknown_spaces_are_refused(evaluated):
         evaluated.accuracy("dft")
 
 
-# The table.
-
-
 def test_table_shows_strict_and_random_accuracies_and_the_gap(evaluated):
     table = accuracy_table(evaluated)
     assert table.header == ("space", "held-out sessions", "at random", "gap")
@@ -67,9 +64,6 @@ def test_table_shows_strict_and_random_accuracies_and_the_gap(evaluated):
     assert evaluated.gap.points == pytest.approx(drawn - evaluated.accuracy())
     assert table.rows[3][0] == "(clock)"
     assert table.notes[0].startswith("(rest) left out: ")
-
-
-# The paper's table.
 
 
 def test_paper_table_has_mean_sd_and_its_test(paper):
@@ -86,9 +80,6 @@ def test_the_paper_stands_beside_its_own_materials_only(paper):
     classes = tuple(sorted(material.name for material in PAPER_MATERIALS))
     named = {name: replace(held, classes=classes) for name, held in paper.held.items()}
     assert accuracy_table(replace(paper, held=named)).rows[0][1] == "97.05 %"
-
-
-# Details.
 
 
 def test_details_hold_folds_mistakes_comparisons_and_seconds(evaluated, paper):

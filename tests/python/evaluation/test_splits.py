@@ -112,9 +112,6 @@ def test_matched_draws_mix_sessions():
     assert len({tuple(draw.folds[0].test) for draw in draws}) == 19
 
 
-# Sessions.
-
-
 def test_sessions_of_their_own_are_held_out_one_of_each_material():
     y = np.repeat(["oat", "rice", "peas"], 12)
     sessions = [f"{label} {k % 3}" for k, label in enumerate(y)]
@@ -162,9 +159,6 @@ def test_sessions_of_a_material_in_one_fold_make_a_further_fold():
     folds = hold_out(data, "session", 2)
     assert [fold.held_out for fold in folds] == ["s", "t", "u"]
     assert all(set(data.y[fold.train]) == {"a", "b"} for fold in folds)
-
-
-# What is taken where sessions are not known.
 
 
 @pytest.mark.parametrize(
@@ -237,9 +231,6 @@ def test_rows_whose_session_is_not_known_choose_by_others():
 def test_order_that_names_no_rows_is_refused(order):
     with pytest.raises(ValueError, match="order must hold the row numbers 0 to 2, each once"):
         checked_groups(3, order=order)
-
-
-# Conditions.
 
 
 def test_each_value_of_a_condition_is_held_out_whole():
@@ -317,9 +308,6 @@ def test_what_cannot_be_held_out_is_refused_with_those_that_can(name, reason):
     assert caught.value.argument == "by"
 
 
-# The paper's partitions.
-
-
 @given(st.integers(1, 6), st.integers(1, 6))
 def test_paper_folds_have_exact_counts_of_each_class(train, test):
     y = np.array(["a"] * 12 + ["b"] * 15)
@@ -343,9 +331,6 @@ def test_more_paper_folds_keep_the_earlier_ones():
     few, many, other = (paper_folds(data, n, 10, 5, seed=seed) for n, seed in ((3, 4), (6, 4), (3, 5)))
     assert [f.train.tolist() for f in few] == [f.train.tolist() for f in many][:3]
     assert few.folds[0].train.tolist() != other.folds[0].train.tolist()
-
-
-# Windows.
 
 
 def drives(sessions, n=1200, each=1):
@@ -426,8 +411,6 @@ def test_windows_that_share_nothing_are_drawn_singly():
     ((draw,), _) = matched_draws(data, hold_out(data), 1)
     assert [fold.train.size + fold.test.size for fold in draw] == [len(data)] * 4
 
-
-# What is refused.
 
 FEW = np.repeat(["oat", "rice", "peas"], [80, 50, 61])
 

@@ -138,9 +138,6 @@ def test_weights_are_slopes_of_the_score(data):
         assert weights[axis, sample] == pytest.approx(slope[0], rel=1e-6, abs=1e-12)
 
 
-# -- planted differences
-
-
 @pytest.mark.parametrize(
     "space",
     [
@@ -191,9 +188,6 @@ def test_a_planted_band_is_found(planted, blocks, band, axes):
     assert set(sorted(row, key=row.get)[-len(axes) :]) == axes
 
 
-# -- what is given back
-
-
 def test_classes_may_be_numbers():
     X, y = recordings(labels=(7, 3, 5))
     two = y != 5
@@ -223,9 +217,6 @@ def test_dict_and_text_hold_the_same_tables(space, tables, data):
     assert set(headers) == tables
 
 
-# -- models
-
-
 def test_a_model_that_gives_data_frames_is_explained(data):
     pytest.importorskip("pandas")
     X, y = data
@@ -248,9 +239,6 @@ def test_factors_are_differences_under_the_linear_loss():
 def test_factors_of_several_learners_of_one_pair_are_shared():
     matrix = np.array([[1, -1, 1], [-1, 1, 0], [0, 0, -1]], dtype=np.int8)
     np.testing.assert_array_equal(pair_factors(matrix, 0, 1), [0.5, -0.5, 0.0])
-
-
-# -- names of axes
 
 
 GYRO = ("wx", "wy", "wz", "ax", "ay", "az")
@@ -283,9 +271,6 @@ def test_any_number_of_samples_and_axes_adds_up(n_axes, n_samples, rate_hz):
     # stretches of different names, none shorter than a sample
     assert (len(found.sums("time")), len(found.sums("axis"))) == (n_samples, n_axes)
     assert added_up(found.table("time")) == pytest.approx(found.difference)
-
-
-# -- refusals
 
 
 X, Y = recordings(n_samples=100)

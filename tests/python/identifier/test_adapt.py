@@ -169,9 +169,6 @@ def test_adapt_replaces_the_mean_of_provisional_answers(models, moved):
     np.testing.assert_array_equal(new.raw_mean, moved.X.mean(axis=0).T.ravel())
 
 
-# What a model keeps of its training.
-
-
 WEIGHTED = make_pipeline(RawHFMH(block_weights="unit"), ECOCClassifier())
 
 
@@ -208,9 +205,6 @@ def test_damaged_numbers_are_refused(rig_model, elsewhere, name, text):
     damaged = Identifier(with_trained(rig_model.core, {**rig_model.trained, "source": source}))
     with pytest.raises(ValueError, match="numbers in base64"):
         to_all(damaged, elsewhere)
-
-
-# Refused, and warned of.
 
 
 def test_missing_materials_are_named_and_may_be_accepted(rig_model, elsewhere):

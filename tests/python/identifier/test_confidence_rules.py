@@ -153,9 +153,6 @@ def test_package_says_what_numpy_and_the_rust_crate_say():
     assert found == [(decision.candidates, decision.unknown) for decision in decisions]
 
 
-# -- in words
-
-
 def test_table_has_a_column_for_each_rule_of_the_model(identifier, data):
     batch = identify_all(identifier, data)
     rows = [dict(zip(batch.table().header, row, strict=True)) for row in batch.table().rows]
@@ -178,9 +175,6 @@ def test_model_without_rules_says_nothing(data):
     assert "probabilities: none: no recordings were held out" in describe_performance(bare)
     with pytest.raises(ValueError, match="probabilit"):
         bare.predict_proba(data.X)
-
-
-# -- files whose rules, or whose account of the training, make no sense
 
 
 def test_novelty_parts_that_do_not_fit_are_refused(identifier):
@@ -245,8 +239,6 @@ def test_load_refuses_what_a_model_cannot_say(identifier, tmp_path, path, value,
         Identifier.load(file)
     assert str(caught.value).startswith(str(file))
 
-
-# -- unknown materials in new sessions, SYNTHETIC
 
 KNOWN = ("rice", "fine sugar", "oat flakes", "macaroni")
 MATERIALS = [material.name for material in PAPER_MATERIALS]

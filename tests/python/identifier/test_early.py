@@ -162,9 +162,6 @@ def test_two_sessions_give_no_rule():
     assert calibrate(held, 0.1).why_not.startswith("two sessions do not show")
 
 
-# -- of models
-
-
 def provisional_scores(core, wrench, n_seen):
     """Scores (L,) after some samples: unseen raw samples at their mean, counts scaled up to the whole length."""
     spec, n, blocks = core.spec, core.n_samples, []

@@ -92,9 +92,6 @@ def test_two_classes_and_any_number_of_axes(n_axes):
     assert identifier.predict(data.X[0]).tolist() == [pipeline.predict(data.X[:1])[0]]
 
 
-# -- the file
-
-
 @pytest.mark.parametrize("space", ["raw+hfmh", "best"])
 def test_file_gives_back_the_same_model(models, new, space, tmp_path):
     identifier = models[space]
@@ -195,9 +192,6 @@ def test_bad_files_are_refused_by_name(plain, tmp_path):
         Identifier()
 
 
-# -- multi-band features
-
-
 def test_blocks_without_weights_are_not_computed(data):
     space = MultiBand(blocks=(*USUAL_BLOCKS, "level")).fit(data.X)
     features = space.transform(data.X)
@@ -211,8 +205,6 @@ def test_blocks_without_weights_are_not_computed(data):
     hearing = ECOCClassifier().fit(features, data.y)
     assert model_of(make_pipeline(space, hearing), data).n_features == features.shape[1]
 
-
-# -- refusals
 
 OURS = "must be a pipeline of RawSignal, HFMH, RawHFMH or MultiBand, .*got"
 

@@ -83,9 +83,6 @@ def test_one_recording_of_a_material_gives_no_estimate(levels):
     assert Identifier.fit(one_of_each, "raw").predict(one_of_each.X).tolist() == list(LABELS)
 
 
-# -- what a model says of itself
-
-
 @pytest.mark.parametrize("n_long", [1, 4])
 def test_windows_that_share_samples_are_held_out(n_long):
     """Of one long recording of a material no random folds can be drawn: the limit of refusal does without."""

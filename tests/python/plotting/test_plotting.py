@@ -43,9 +43,6 @@ def _legend(figure):
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-# -- recordings and their means
-
-
 def test_lines_are_means_and_bands_one_deviation(synthetic):
     figure = plot_mean_forces(synthetic, axes=("fy",))
     assert [panel.get_title() for panel in figure.axes] == list(dict.fromkeys(synthetic.y.tolist()))
@@ -108,9 +105,6 @@ def test_axes_that_cannot_be_drawn_are_refused(synthetic, axes, message):
         plot_mean_forces(synthetic, axes=axes)
 
 
-# -- onsets
-
-
 def test_onsets_found_stated_recorded_and_missing_are_named():
     pushes = [Recording(push(k, 60 + 10 * k), rate_hz=RATE_HZ, name=f"push $_{k}") for k in range(7)]
     data = Dataset([*pushes, Recording(noise(7, 900), rate_hz=RATE_HZ, name="still")])
@@ -125,9 +119,6 @@ def test_onsets_found_stated_recorded_and_missing_are_named():
     assert "still, no onset:\nno change stands out from the noise of the first 0.1 s" in titles
     times = dict(zip(titles, (right.get_title(loc="right") for _, right in panels), strict=True))
     assert (times["push $_5"], times["push $_0"]) == ("0.250 s", "0.600 s")
-
-
-# -- files and imports
 
 
 @pytest.mark.parametrize(

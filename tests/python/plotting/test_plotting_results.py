@@ -37,9 +37,6 @@ def row_names(panel):
     return [label.get_text() for label in panel.get_yticklabels()]
 
 
-# -- evaluations
-
-
 def test_accuracy_has_a_row_a_space_and_a_baseline(result):
     panel = plot_accuracy(result).axes[0]
     assert row_names(panel) == ["raw", "hfmh", "(clock)"]
@@ -104,9 +101,6 @@ def test_histograms_of_a_unit_share_colours_and_bins(result):
         assert (high - low) / shown.shape[2] == pytest.approx(3.0 / 100)
         ((_, top),) = {panel.images[0].get_clim() for panel in panels}
         assert top == shown.max()
-
-
-# -- explanations
 
 
 @pytest.fixture(scope="module")
@@ -174,8 +168,6 @@ def test_any_number_of_axes_is_drawn():
     assert figure.axes[0].images[0].get_array().shape[1] == 9
     assert [panel.get_title() for panel in figure.axes[:2]] == ["by block", "by band"]
 
-
-# -- answers over a recording
 
 IMU = ("wx", "wy", "wz", "ax", "ay", "az")
 UNITS = dict(zip(IMU, ["rad/s"] * 3 + ["m/s2"] * 3, strict=True))

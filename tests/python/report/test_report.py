@@ -73,9 +73,6 @@ def no_pictures(monkeypatch):
     monkeypatch.setattr("granular_id.report.page.pictures", lambda *_: [])
 
 
-# -- the page
-
-
 def test_every_number_is_there_the_headline_and_the_gap_on_top(result, page):
     assert " ".join(page.sections) == "accuracy confusions means high data warnings repeat"
     top = page.text[: page.text.index("Accuracy of each feature space")]
@@ -156,9 +153,6 @@ def test_warnings_and_notes_are_listed_apart(result, no_pictures):
     noted = replace(result, notes=("warning: beware", "5 random folds", "error: broken"))
     assert split_notes(noted) == (("beware", "broken"), ("5 random folds",))
     assert "Warnings (2)" in Page(html(noted)).text
-
-
-# -- files
 
 
 def test_a_page_that_fails_leaves_the_old_file(result, tmp_path, monkeypatch, no_pictures):

@@ -120,9 +120,6 @@ def test_blocks_of_pipelines_and_unions_lie_side_by_side():
     assert [block.name for block in feature_blocks(twice)] == ["slow__hfmh", "fast__hfmh"]
 
 
-# --- Columns of multi-band features
-
-
 def test_multiband_learns_the_scales_of_the_twin():
     X = recordings()
     space = MultiBand(blocks=ALL_BLOCKS).fit(X)

@@ -19,8 +19,6 @@ from granular_id.spaces import (
 from granular_id.spaces.scaling import whitened_grams
 from multiband_cases import two_materials
 
-# --- BlockScaler
-
 
 def rows(n=20, n_columns=7, seed=0):
     rng = np.random.default_rng(seed)
@@ -64,9 +62,6 @@ def test_scaler_leaves_a_constant_column_out():
 def test_blocks_that_do_not_fit_are_refused(blocks, kind, message):
     with pytest.raises(kind, match=message):
         BlockScaler(blocks).fit(rows())
-
-
-# --- WithinClassWhitening
 
 
 def twin(X, y, shrinkage):
@@ -138,9 +133,6 @@ def test_shrinkage_out_of_range_is_refused(shrinkage, kind):
         WithinClassWhitening(shrinkage).fit(*labelled(9, 3))
     with pytest.raises(ValueError, match="Unknown label type"):
         WithinClassWhitening().fit(labelled(9, 3)[0], np.linspace(0, 1, 9))
-
-
-# --- Weights folded back
 
 
 @pytest.mark.parametrize(

@@ -144,8 +144,6 @@ def test_silent_axis_has_the_papers_range():
     assert transformer.transform(X)[:, 100:].sum() == 5 * 300
 
 
-# --- What holds for any signal
-
 SHAPES = st.tuples(st.integers(1, 4), st.integers(1, 9), st.integers(1, 3))
 BATCHES = arrays(np.float64, SHAPES, elements=st.floats(-1e100, 1e100))
 
@@ -177,9 +175,6 @@ def test_histogram_of_a_constant_axis_has_room(level):
         np.testing.assert_array_equal(fitted.bin_range_, [[level - 0.5, level + 0.5]])
 
 
-# --- Names
-
-
 @pytest.mark.parametrize(
     ("name", "count", "some"),
     [
@@ -196,9 +191,6 @@ def test_names_say_what_a_column_is_in_order(name, count, some):
     assert len(names) == count
     assert places == sorted(places)
     assert (places[0], places[-1]) == (0, count - 1)
-
-
-# --- Filters
 
 
 def test_tare_subtracts_the_mean_at_rest():
@@ -248,9 +240,6 @@ def test_permutation_without_seed_draws_one_in_each_fit():
     first = shuffle.transform(X)
     np.testing.assert_array_equal(shuffle.transform(X), first)
     assert not np.array_equal(shuffle.fit(X).transform(X), first)
-
-
-# --- One recording
 
 
 @pytest.mark.parametrize("kind", [RawSignal, MultiBand])

@@ -41,9 +41,6 @@ def with_rate(space, rate_hz):
     return space.set_params(rate_hz=rate_hz) if "rate_hz" in space.get_params() else space
 
 
-# -- features
-
-
 @pytest.mark.parametrize("name", EVERY)
 def test_features_of_a_dataset_are_those_of_its_array(name):
     space = with_rate(EVERY[name], None)
@@ -91,9 +88,6 @@ def test_axes_units_and_rate_pass_filters_and_unions():
     assert (columns.axes, columns.units, columns.duration_s) == (IMU, IMU_UNITS, 3.0)
 
 
-# -- rate
-
-
 @pytest.mark.parametrize(
     ("space", "default"),
     [(RawHFMH(), 500.0), (MultiBand(), 500.0), (Tare(), 500.0), (RawSignal(), None), (DFT(), None)],
@@ -133,9 +127,6 @@ def test_cutoff_near_half_the_rate_warns():
         HFMH().fit(data_set(rate_hz=50))
     HFMH(cutoff_hz=12).fit(data_set(rate_hz=50))  # pytest makes errors of warnings
     HFMH().fit(data_set(rate_hz=100))
-
-
-# -- labels, sessions, order
 
 
 @pytest.mark.parametrize(

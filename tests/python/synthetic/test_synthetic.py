@@ -34,9 +34,6 @@ def paper_like():
     return synthesize(n_per_class=12, seed=1)
 
 
-# -- the set
-
-
 def test_the_paper_set_has_eleven_synthetic_materials(paper_like):
     assert len(PAPER_MATERIALS) == 11
     assert paper_like.X.shape == (132, 1600, 6)
@@ -75,9 +72,6 @@ def test_sessions_are_days_with_every_material(paper_like):
     assert synthesize("rice", n_per_class=2).sessions.tolist() == ["session 1", "session 2"]
 
 
-# -- seeds
-
-
 def test_the_seed_decides_the_bits():
     one, same, other = (synthesize(["rice", LENTILS], n_per_class=2, seed=seed) for seed in (3, 3, 4))
     assert one == same
@@ -91,9 +85,6 @@ def test_a_recording_does_not_depend_on_what_else_is_made():
     for label in ("rice", "fine sugar"):
         assert np.array_equal(few.X[few.y == label], many.X[many.y == label][:3])
         assert list(few.sessions[few.y == label]) == list(many.sessions[many.y == label][:3])
-
-
-# -- what varies
 
 
 def test_without_nuisance_only_grains_and_noise_differ():
@@ -130,9 +121,6 @@ def test_mounting_and_sensor_errors_act_as_stated():
     assert dense > 1.15 * loose
 
 
-# -- the sensor
-
-
 def test_rest_is_sensor_noise_in_steps_of_the_converter(paper_like):
     rest = np.concatenate(
         [r.wrench[: r.trigger_index] - r.wrench[: r.trigger_index].mean(0) for r in paper_like]
@@ -152,9 +140,6 @@ def test_samples_at_the_end_of_the_range_are_flagged():
     assert synthesize("fine sugar", n_per_class=1)[0].flags is None
 
 
-# -- how the forces look
-
-
 def test_mean_pushes_look_like_those_of_the_paper(paper_like):
     mean = {label: paper_like.X[paper_like.y == label, :, 0].mean(axis=0) for label in paper_like.labels}
     rice = mean["rice"]  # peaks early and then falls near zero
@@ -167,9 +152,6 @@ def test_mean_pushes_look_like_those_of_the_paper(paper_like):
     level = {label: fx[200:].mean() for label, fx in mean.items()}
     assert level["fine sugar"] / level["sunflower seeds"] > 1.8
     assert 0.8 < level["oat flakes"] / level["breadcrumbs"] < 1.25
-
-
-# -- long recordings of an IMU
 
 
 @pytest.fixture(scope="module")
@@ -195,9 +177,6 @@ def test_a_drive_rests_and_coarse_grains_shake_it(drives):
     assert moving[:2].min() > 2 * moving[2:].max()  # rice, fine sugar
     many = synthesize(["macaroni", "rice"], 3, duration_s=20, rate_hz=100, sensor="imu")
     assert np.array_equal(many.X[many.y == "rice"][:2, :1000], drives.X[:2])
-
-
-# -- own materials and odd settings
 
 
 @settings(max_examples=60)
@@ -277,9 +256,6 @@ def test_the_rest_before_the_motion_gives_nothing_away(thirty_each):
     first = np.arange(len(rest)) % 30 < 20
     classifier = SVC(kernel="linear").fit(rest[first], data.y[first])
     assert classifier.score(rest[~first], data.y[~first]) < 0.25
-
-
-# -- what is refused
 
 
 @pytest.mark.parametrize(

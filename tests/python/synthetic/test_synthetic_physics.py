@@ -197,9 +197,6 @@ def test_leaving_out_a_part_does_not_change_the_others():
         np.testing.assert_allclose(extra(part, others), extra(part, ()), atol=1e-9)
 
 
-# The sensor at rest.
-
-
 def test_simulated_rests_are_like_real_ones(data_dir):
     real = [load(path)[0].wrench for path in sorted((data_dir / "sand_press").glob("rest_*.bag"))]
     drawn = [rest_noise(1200, 100, seed=seed) for seed in range(10)]
