@@ -10,6 +10,7 @@ import pytest
 
 import granular_id
 from granular_id._text import install
+from model_cases import random_model
 
 
 def test_everything_exported_exists():
@@ -23,13 +24,30 @@ def test_unknown_names_are_attribute_errors():
         _ = granular_id.nonsense
 
 
-def test_extracting_does_not_load_scikit_learn():
-    script = (
-        "import sys, numpy, granular_id\n"
-        "granular_id.extract_features(numpy.zeros((16, 6)))\n"
-        "sys.exit(bool({'sklearn', 'scipy', 'matplotlib', 'typer'} & set(sys.modules)))"
-    )
-    assert subprocess.run([sys.executable, "-c", script], check=False, timeout=60).returncode == 0
+IMPORTS = """
+import sys, numpy as np, granular_id as gid
+def loaded(*names):
+    return [name for name in sys.modules if name.startswith(names)]
+wrench = np.zeros((16, 6))
+gid.extract_features(wrench)
+model = gid.Identifier.load(sys.argv[1])
+stream = gid.StreamingIdentifier(model)
+stream.push(wrench)
+assert stream.decision() == model.identify(wrench)
+assert not loaded("sklearn", "scipy", "matplotlib", "typer"), "to extract and to identify"
+import granular_id.evaluation
+assert not loaded("granular_id.plotting"), "to evaluate"
+import granular_id.plotting
+assert not loaded("matplotlib"), "to import what plots"
+granular_id.plotting.plot_recordings(gid.Dataset.from_arrays([wrench], ["a"], rate_hz=10))
+assert not loaded("matplotlib.pyplot"), "to plot"
+"""
+
+
+@pytest.mark.thread_unsafe(reason="starts a process")
+def test_libraries_are_loaded_where_they_are_needed(tmp_path):
+    granular_id.Identifier(random_model(0, 3, 16, 6)).save(tmp_path / "m.safetensors")
+    subprocess.run([sys.executable, "-c", IMPORTS, tmp_path / "m.safetensors"], check=True, timeout=300)
 
 
 def test_a_plain_install_needs_numpy_and_scikit_learn_only():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -142,15 +140,3 @@ def test_figure_that_cannot_be_saved_leaves_the_old_file(tmp_path, monkeypatch):
     assert [one.read_bytes() for one in tmp_path.iterdir()] == [b"old"]
     with pytest.raises(ValueError, match=r"path must end in .*png.*, got .*figure.xyz"):
         plot_recordings(Dataset([_real()]), path=tmp_path / "figure.xyz")
-
-
-def test_plotting_is_imported_late_and_without_pyplot():
-    code = (
-        "import sys, granular_id.evaluation\n"
-        "assert not [name for name in sys.modules if name.startswith('granular_id.plotting')]\n"
-        "import granular_id.plotting as p, granular_id as gid\n"
-        "assert not any(m.startswith('matplotlib') for m in sys.modules)\n"
-        "p.plot_recordings(gid.Dataset.from_arrays([[[0.0] * 6] * 9], ['a'], rate_hz=10))\n"
-        "assert 'matplotlib.pyplot' not in sys.modules\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=300)

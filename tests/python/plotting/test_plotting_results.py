@@ -9,7 +9,6 @@ from sklearn.preprocessing import StandardScaler
 
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
-from granular_id.identifier import Timeline
 from granular_id.plotting import (
     plot_accuracy,
     plot_answers,
@@ -22,6 +21,7 @@ from granular_id.recording import Recording
 from granular_id.spaces import DFT, HFMH, MultiBand, RangeNormalizer, RawHFMH
 from multiband_cases import ALL, two_materials
 from report_cases import result_of
+from timeline_cases import timeline
 
 
 @pytest.fixture(scope="module")
@@ -173,49 +173,35 @@ IMU = ("wx", "wy", "wz", "ax", "ay", "az")
 UNITS = dict(zip(IMU, ["rad/s"] * 3 + ["m/s2"] * 3, strict=True))
 
 
-def timeline(classes=("asphalt", "grass", "gravel"), n=40, **fields):
-    usual = {
-        "name": "drive",
-        "classes": tuple(classes),
-        "times_s": 2.0 + 0.5 * np.arange(n),
-        "losses": np.random.default_rng(0).uniform(0, 1, (n, len(classes))),
-        "probabilities": None,
-        "candidates": ((),) * n,
-        "unknown": None,
-        "flagged": np.zeros(n, bool),
-        "trained_on": None,
-        "window_s": 2.0,
-        "hop_s": 0.5,
-        "duration_s": 22.0,
-    }
-    return Timeline(**{**usual, **fields})
+def answers(classes=("asphalt", "grass", "gravel"), **fields):
+    return timeline(np.random.default_rng(0).uniform(0, 1, (40, len(classes))), classes, **fields)
 
 
-def recording(n=2200, units=UNITS):
+def recording(n=4100, units=UNITS):
     wrench = np.random.default_rng(1).normal(size=(n, 6))
     return Recording(wrench, rate_hz=100.0, axes=IMU, meta={"units": dict(units)})
 
 
 def test_each_material_has_a_row_and_each_unit_a_panel():
-    *signals, answers = plot_answers(timeline(), recording()).axes
-    assert row_names(answers) == ["asphalt", "grass", "gravel"]
+    *signals, panel = plot_answers(answers(), recording()).axes
+    assert row_names(panel) == ["asphalt", "grass", "gravel"]
     assert [panel.get_ylabel() for panel in signals] == ["rad/s\nless median", "m/s2\nless median"]
-    stated = plot_answers(timeline(units=("g",) * 6), recording(units={})).axes[0]
+    stated = plot_answers(answers(units=("g",) * 6), recording(units={})).axes[0]
     assert stated.get_ylabel() == "g\nless median"
 
 
 def test_the_bars_of_a_row_are_its_answers():
-    losses = np.array([[0.0, 1.0], [0.0, 1.0], [1.0, 0.0]])
-    figure = plot_answers(timeline(("grass", "gravel"), 3, losses=losses), recording())
+    losses = [[0.0, 1.0], [0.0, 1.0], [1.0, 0.0]]
+    figure = plot_answers(timeline(losses, ("grass", "gravel"), duration_s=41.0), recording())
     bars = [path for bars in figure.axes[-1].collections for path in bars.get_paths()]
-    assert [path.get_extents().intervalx.tolist() for path in bars] == [[0.0, 2.5], [2.5, 3.0]]
+    assert [path.get_extents().intervalx.tolist() for path in bars] == [[0.0, 3.0], [3.0, 4.0]]
 
 
 def test_unknown_label_and_candidates_are_marked():
     unknown = np.zeros(40, bool)
     unknown[5:9] = True
     candidates = (("grass", "gravel"),) * 40
-    marked = timeline(unknown=unknown, candidates=candidates, truth="grass", synthetic="SYNTHETIC recordings")
+    marked = answers(unknown=unknown, candidates=candidates, truth="grass", synthetic="SYNTHETIC recordings")
     figure = plot_answers(marked, recording())
     assert figure.get_suptitle() == "Answers over drive, SYNTHETIC recordings"
     assert row_names(figure.axes[-1])[-1] == "like none of them"
@@ -225,19 +211,19 @@ def test_unknown_label_and_candidates_are_marked():
 
 @pytest.mark.parametrize(("n", "shown"), [(11, 11), (30, 15)])
 def test_of_many_materials_the_most_named_are_shown(n, shown):
-    figure = plot_answers(timeline(tuple(f"material {i:02d}" for i in range(n))), recording())
+    figure = plot_answers(answers(tuple(f"material {i:02d}" for i in range(n))), recording())
     assert len(row_names(figure.axes[-1])) == shown
     assert ("15 materials that are named least" in figure.axes[-1].get_xlabel()) == (n > shown)
 
 
 def test_a_long_signal_keeps_its_extremes():
     one = recording(n=90_000)
-    line = plot_answers(timeline(duration_s=900.0), one).axes[0].lines[0]
+    line = plot_answers(answers(duration_s=900.0), one).axes[0].lines[0]
     assert len(line.get_xdata()) < 4000
     signal = one.wrench[:, 0] - np.median(one.wrench[:, 0])
     assert (line.get_ydata().min(), line.get_ydata().max()) == (signal.min(), signal.max())
 
 
 def test_another_recording_is_refused():
-    with pytest.raises(ValueError, match="lasts 10 s, the answers are about one of 22 s"):
-        plot_answers(timeline(), recording(n=1000))
+    with pytest.raises(ValueError, match="lasts 10 s, the answers are about one of 41 s"):
+        plot_answers(answers(), recording(n=1000))
