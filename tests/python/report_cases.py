@@ -16,8 +16,8 @@ HOSTILE = {
 
 
 def hostile_data():
-    """Seven materials, each of a level of its own, with names that are markup, mathematics or much too long."""
-    labels = [*HOSTILE.values(), *(f"material number {i:02d}" for i in range(3))]
+    """Five materials, each of a level of its own, with names that are markup, mathematics or much too long."""
+    labels = [*HOSTILE.values(), *(f"material number {i:02d}" for i in range(1))]
     k = len(labels)
     return Dataset(
         [

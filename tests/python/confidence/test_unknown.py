@@ -96,18 +96,6 @@ def test_limit_is_lowered_by_what_fewer_rows_cost():
     assert limit(parts_of([1.0]), (1.0, 0.0), 0.95, of_folds=(parts_of([0.0]), parts_of([0.0]))) == 1
 
 
-@pytest.mark.parametrize("share", [0.8, 0.95])
-def test_limit_accepts_the_wanted_share_of_new_rows(share):
-    accepted = []
-    for seed in range(20):
-        s, codes = coded(seed=seed)
-        new, _ = coded(seed=1000 + seed, n_each=200)
-        five, ten = (held_out_parts(s, codes, 4, folds_of(codes, n)) for n in (5, 10))
-        rule = unknown_rule(tuple("abcd"), five, codes, share_known=share, of_folds=(ten, five))
-        accepted.append(rule.knows(Novelty.fit(s, codes, 4).parts(new)).mean())
-    assert share - 0.02 < np.mean(accepted) < share + 0.04
-
-
 def test_rows_that_no_fold_holds_out_set_no_limit():
     s, codes = coded()
     test = np.r_[0:20, 40:60]

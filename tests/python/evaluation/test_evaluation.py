@@ -76,7 +76,7 @@ def test_chance_counts_the_materials_that_are_tested():
 
 
 def test_a_random_classifier_is_seeded_by_fold(data):
-    forest = RandomForestClassifier(n_estimators=5)
+    forest = RandomForestClassifier(n_estimators=2)
     settings = ({"n_jobs": 1}, {"n_jobs": 2}, {"random_state": 8})
     one, two, other = (evaluate(data, "raw", classifier=forest, **QUIET, **each) for each in settings)
     assert list(one.predictions()) == list(two.predictions()) != list(other.predictions())

@@ -19,7 +19,6 @@ from granular_id.rica import RICA
 from granular_id.spaces import (
     BestClassifier,
     FeatureSpace,
-    MultiBand,
     RawHFMH,
     RawSignal,
     all_spaces,
@@ -154,8 +153,7 @@ def test_adapted_accuracy_never_tests_a_recording_that_it_saw(enough, monkeypatc
 
 
 def test_adapted_accuracies_stand_in_the_details(enough):
-    own = FeatureSpace("own", MultiBand(), None, classifier=BestClassifier(shrinkages=[None]))
-    result = evaluate(enough, {"own": own}, by="tool", accept="duplicates", **QUIET)
+    result = evaluate(enough, {"own": own_space()}, by="tool", accept="duplicates", **QUIET)
     assert result.adapted["own"].shape == (3,)
     assert {one.note for one in result.chosen["own"]} == {"2 folds of whole conditions"}
     assert "adapted: to half of the held-out recordings" in result.details()

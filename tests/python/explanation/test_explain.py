@@ -1,5 +1,6 @@
 """explain: exact sums, planted differences found, what cannot be explained refused by name."""
 
+import itertools
 import json
 
 import numpy as np
@@ -10,6 +11,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import FeatureUnion, Pipeline, make_pipeline
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
+from evaluation_cases import of_levels
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain, explain_held_out
 from granular_id.explanation.difference import pair_factors
@@ -60,7 +62,6 @@ SPACES = {
     "union": FeatureUnion([("norm", RangeNormalizer()), ("dft", DFT("magnitude"))]),
     "pca": make_pipeline(RawHFMH(), PCA(15)),
     "pca of sklearn, whitened": make_pipeline(RawSignal(), PCA(15, whiten=True)),
-    "centred only": make_pipeline(RawSignal(), StandardScaler(with_std=False)),
     "rica": make_pipeline(RawSignal(), PCA(10), RICA(12, random_state=0)),
     "bands": make_pipeline(MultiBand(blocks=ALL), StandardScaler()),
     "bands, whitened": make_pipeline(Tare(0.1), MultiBand(), WithinClassWhitening(0.01)),
@@ -138,14 +139,7 @@ def test_weights_are_slopes_of_the_score(data):
         assert weights[axis, sample] == pytest.approx(slope[0], rel=1e-6, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    "space",
-    [
-        (RawSignal(),),
-        (RawSignal(), PCA(15), RICA(15, random_state=0)),
-        (MultiBand(blocks=["level"]),),
-    ],
-)
+@pytest.mark.parametrize("space", [(RawSignal(), PCA(15)), (MultiBand(blocks=["level"]),)])
 def test_a_planted_time_is_found(space):
     random = np.random.default_rng(1)
     X = random.normal(scale=0.05, size=(30, 1600, 6))
@@ -155,21 +149,6 @@ def test_a_planted_time_is_found(space):
     assert largest(seen.sums("axis")) == "fz"
     assert largest(seen.sums("time")) == "0.80-1.20 s"
     assert seen.table("time")["0.80-1.20 s"]["fz"] > 0.7 * seen.difference
-
-
-@pytest.mark.parametrize("bin_range", [(-1.5, 1.5), "auto"])
-def test_a_planted_vibration_is_found(bin_range):
-    random = np.random.default_rng(2)
-    X = random.normal(scale=0.02, size=(20, 1600, 6))
-    y = np.tile(["oat", "rice"], 10)
-    X[y == "rice", :, 3] += random.normal(scale=0.3, size=(10, 1600))
-    model = make_pipeline(RawHFMH(bin_range=bin_range, block_weights="unit"), ECOCClassifier())
-    # On recordings that are new to it: what it learned of the noise of others adds up to nothing there.
-    seen = explain(model.fit(as_wrench(X[:10]), y[:10]), "rice", "oat", X[10:], y[10:])
-    assert set(seen.sums("block")) == set(seen.sums("band")) == {"raw", "hfmh"}
-    assert seen.table("block")["hfmh"]["tx"] > 0.9 * seen.difference
-    hfmh = next(block for block in seen.columns.along if "tx" in block.axes and block.kind == "magnitude")
-    assert seen.along(hfmh).shape == (len(hfmh.axes), 100)
 
 
 @pytest.mark.parametrize(
@@ -241,26 +220,23 @@ def test_factors_of_several_learners_of_one_pair_are_shared():
     np.testing.assert_array_equal(pair_factors(matrix, 0, 1), [0.5, -0.5, 0.0])
 
 
-GYRO = ("wx", "wy", "wz", "ax", "ay", "az")
-
-
-def imu(X, y):
-    meta = {"units": dict(zip(GYRO, ("rad/s",) * 3 + ("m/s2",) * 3, strict=True))}
-    return Dataset([Recording(x, 100.0, label, axes=GYRO, meta=meta) for x, label in zip(X, y, strict=True)])
+IMU = ("wx", "wy", "wz", "ax", "ay", "az")
 
 
 @pytest.mark.parametrize("fitted_on", ["a data set", "arrays"])
 @pytest.mark.parametrize("bin_range", [(-1.5, 1.5), "auto"])
 def test_axes_and_units_are_those_of_the_data_set(fitted_on, bin_range):
-    data = imu(*louder())
+    meta = {"units": dict(zip(IMU, ("rad/s",) * 3 + ("m/s2",) * 3, strict=True))}
+    X, y = louder()
+    data = Dataset([Recording(x, 100.0, label, axes=IMU, meta=meta) for x, label in zip(X, y, strict=True)])
     given = data if fitted_on == "a data set" else data.X
     model = make_pipeline(HFMH(rate_hz=100, bin_range=bin_range), ECOCClassifier()).fit(given, data.y)
     seen = explain(model, "rice", "oat", data)
-    assert tuple(seen.sums("axis")) == GYRO
+    assert tuple(seen.sums("axis")) == IMU
     assert seen.columns.along[0].units[0] == "rad/s"
     assert seen.scores == explain(model, "rice", "oat", data.X, data.y).scores
     if bin_range == "auto":
-        assert [block.name for block in seen.columns.along] == [f"hfmh_{axis}" for axis in GYRO]
+        assert [block.name for block in seen.columns.along] == [f"hfmh_{axis}" for axis in IMU]
 
 
 @pytest.mark.parametrize(("n_axes", "n_samples", "rate_hz"), [(1, 3, None), (13, 8, 500.0)])
@@ -335,21 +311,10 @@ def test_models_without_fit_weights_or_space_are_refused():
     ],
 )
 def test_explain_holds_out_what_the_materials_allow(sessions, folds):
-    named = {label: words.split() for label, words in sessions.items()}
-    data = Dataset(
-        [
-            Recording(
-                np.random.default_rng(k).normal(size=(4, 6)),
-                500.0,
-                label=label,
-                session=named[label][k % len(named[label])],
-                start_time=1e9 + 60.0 * k,
-                name=f"{label} {k}",
-            )
-            for k in range(8)
-            for label in ("rice", "oat", "peas")
-        ]
-    )
+    labels = ["rice", "oat", "peas"] * 8
+    named = {label: itertools.cycle(words.split()) for label, words in sessions.items()}
+    levels, times = np.random.default_rng(0).normal(size=(24, 6)), 1e9 + 60.0 * (np.arange(24) // 3)
+    data = of_levels(levels, labels, [next(named[label]) for label in labels], start_time=times)
     pipeline = make_pipeline(RawSignal(), ECOCClassifier())
     explanation, model, split = explain_held_out(data, pipeline, "rice", "oat")
     assert split["folds"] == folds
