@@ -31,15 +31,7 @@ def make_data(n=10, samples=80, separation=0.35, seed=0, **fields):
 
 def changed(data, **fields):
     """The same recordings with some fields computed anew, each by a function of the recording."""
-    same = ("rate_hz", "label", "session", "start_time", "name")
-    return Dataset(
-        [
-            Recording(
-                r.wrench, **{**{f: getattr(r, f) for f in same}, **{f: get(r) for f, get in fields.items()}}
-            )
-            for r in data
-        ]
-    )
+    return Dataset([replace(r, **{field: get(r) for field, get in fields.items()}) for r in data])
 
 
 QUIET = {"baselines": False, "progress": False}

@@ -132,6 +132,11 @@ def test_without_sessions_no_promise_is_made_for_new_ones(data):
     assert "worst session" not in str(found)
 
 
+def test_more_components_than_recordings_are_lowered(data):
+    found = confidence_study(data, "pca")
+    assert "pca: 35 components, as 36 recordings train" in found.notes
+
+
 def test_two_synthetic_materials_are_marked_and_none_is_left_out():
     pytest.importorskip("matplotlib")
     two = gid.synthesize(["rice", "fine sugar"], n_per_class=6, sessions=3, duration_s=0.3)

@@ -10,7 +10,7 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from evaluation_cases import LABELS, changed
+from evaluation_cases import LABELS, changed, make_data
 from granular_id import DFT, HFMH, ECOCClassifier, RawHFMH, RawSignal, synthesize
 from granular_id._core import MAX_MULTIBAND_VALUES, ModelFileError
 from granular_id.identifier import SPACES, Identifier
@@ -222,21 +222,14 @@ OURS = "must be a pipeline of RawSignal, HFMH, RawHFMH or MultiBand, .*got"
         ({"estimate": "no"}, "estimate"),
         ({"by": "speed"}, "speed"),
         ({"progress": 3}, "progress"),
+        ({"data": np.zeros((9, 80, 6))}, r"data must be a granular_id\.Dataset, got ndarray"),
+        ({"data": make_data(4)[:4]}, "at least 2 classes, got only 'oat'"),
+        ({"data": changed(make_data(4), label=lambda r: None)}, "have no label"),
     ],
 )
-def test_fit_bad_settings_are_refused(data, settings, message):
+def test_fit_of_bad_arguments_is_refused(data, settings, message):
     with pytest.raises((ValueError, TypeError), match=message):
-        Identifier.fit(data, **{"space": "raw+hfmh", **settings})
-
-
-def test_fit_bad_data_is_refused(data):
-    for wrong, kind, message in (
-        (data.X, TypeError, r"data must be a granular_id\.Dataset, got ndarray"),
-        (data.select(labels="oat"), ValueError, "at least 2 classes, got only 'oat'"),
-        (changed(data, label=lambda r: None), ValueError, "have no label"),
-    ):
-        with pytest.raises(kind, match=message):
-            Identifier.fit(wrong)
+        Identifier.fit(**{"data": data, "space": "raw+hfmh", **settings})
 
 
 def test_model_too_large_for_its_file_names_ways_that_work():

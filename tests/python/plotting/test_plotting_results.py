@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sklearn.pipeline import FeatureUnion, make_pipeline
-from sklearn.preprocessing import StandardScaler
 
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
@@ -19,7 +18,7 @@ from granular_id.plotting import (
 )
 from granular_id.recording import Recording
 from granular_id.spaces import DFT, HFMH, MultiBand, RangeNormalizer, RawHFMH
-from multiband_cases import ALL, two_materials
+from multiband_cases import ALL
 from report_cases import result_of
 from timeline_cases import timeline
 
@@ -159,14 +158,6 @@ def test_each_block_that_is_read_along_has_a_panel(data, space, labels):
     along = [panel for panel in figure.axes if not panel.images]
     assert [panel.get_xlabel() for panel in along] == labels
     assert all(len(curves(panel)) == 6 for panel in along)
-
-
-def test_any_number_of_axes_is_drawn():
-    X, y, _ = two_materials(n_each=3, n_samples=64, n_axes=9)
-    X[y == "rice"] *= 2
-    figure = plot_explanation(explained(MultiBand(blocks=["quantiles"]), (X, y), StandardScaler()))
-    assert figure.axes[0].images[0].get_array().shape[1] == 9
-    assert [panel.get_title() for panel in figure.axes[:2]] == ["by block", "by band"]
 
 
 IMU = ("wx", "wy", "wz", "ax", "ay", "az")

@@ -128,18 +128,6 @@ def test_multiband_learns_the_scales_of_the_twin():
     assert space.bands_[2].n_samples == twin.band_lengths(X.shape[1])[2]
 
 
-@pytest.mark.parametrize(
-    ("n_samples", "dropped"), [(1600, "couplings of axes in the lowest 2 bands"), (3, "any octave")]
-)
-def test_description_says_what_is_left_out(n_samples, dropped):
-    space = MultiBand(rate_hz=500.0).fit(recordings(n=2, n_samples=n_samples))
-    assert space.dropped_.endswith(dropped)
-    first, sizes, last = space.describe().splitlines()
-    assert ("octaves from 245 Hz" in first) == (n_samples == 1600)
-    assert f"quantiles {8 * 6 * len(twin.band_lengths(n_samples))}" in sizes
-    assert last == space.dropped_
-
-
 @pytest.mark.parametrize("n_axes", [1, 6, 13])
 def test_columns_are_in_the_order_of_the_twin(n_axes):
     X, _, _ = two_materials(n_each=1, n_samples=128, n_axes=n_axes)

@@ -92,19 +92,3 @@ def test_search_cut_short_warns():
 def test_names_are_numbered():
     names = RICA(101, random_state=0).fit(GOLDEN_ROWS).get_feature_names_out()
     assert list(names)[::50] == ["rica000", "rica050", "rica100"]
-
-
-@pytest.mark.parametrize(
-    ("rica", "rows", "message"),
-    [
-        (RICA(0), GOLDEN_ROWS, "n_components must be at least 1, got 0"),
-        (RICA(3, max_iter=True), GOLDEN_ROWS, "max_iter must be a whole number, got True"),
-        (RICA(3, alpha=-1.0), GOLDEN_ROWS, "alpha must not be negative, got -1"),
-        (RICA(3), np.where(np.eye(12, 5) > 0, np.nan, GOLDEN_ROWS), "Input X contains NaN"),
-        (RICA(3), GOLDEN_ROWS[0], "Expected 2D array"),
-        (RICA(3), np.zeros((4, 3)), r"every feature is zero \(n_samples = 4\)"),
-    ],
-)
-def test_bad_parameters_and_rows_are_refused(rica, rows, message):
-    with pytest.raises((TypeError, ValueError), match=message):
-        rica.fit(rows)

@@ -11,15 +11,18 @@ from sklearn.pipeline import make_pipeline
 
 from array_kinds import KINDS, digest
 from granular_id.recording import AXES
+from granular_id.rica import RICA
 from granular_id.spaces import (
     DFT,
     HFMH,
+    BlockScaler,
     MultiBand,
     RawHFMH,
     RawHistogram,
     RawSignal,
     Tare,
     TimePermutation,
+    WithinClassWhitening,
     feature_blocks,
 )
 from spaces_cases import FILTERS, SPACES, STATISTICS, recordings
@@ -120,6 +123,33 @@ def test_two_dimensions_are_signals_of_one_axis(name):
 def test_parameters_out_of_range_are_refused(space, message):
     with pytest.raises((TypeError, ValueError), match=message):
         space.fit(recordings())
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        (BlockScaler({"a": 3, "b": 3}), r"blocks must add up to the 7 columns of X, got 6 \(a 3, b 3\)"),
+        (BlockScaler({}), "add up to the 7 columns of X, got 0"),
+        (BlockScaler({"a": 7, "b": 0}), r"blocks\['b'\] must be at least 1, got 0"),
+        (BlockScaler({"a": 3.5, "b": 3.5}), "must be a whole number"),
+        (BlockScaler([7]), r"blocks must be None or \{name: number of columns\}, got \[7\]"),
+        (WithinClassWhitening(0), "shrinkage must be"),
+        (WithinClassWhitening(np.nan), "shrinkage must be"),
+        (WithinClassWhitening("a"), "shrinkage must be"),
+        (WithinClassWhitening(), "Unknown label type"),
+        (RICA(0), "n_components must be at least 1, got 0"),
+        (RICA(3, max_iter=True), "max_iter must be a whole number, got True"),
+        (RICA(3, alpha=-1.0), "alpha must not be negative, got -1"),
+    ],
+)
+def test_parameters_of_steps_behind_spaces_are_refused(step, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        step.fit(recordings(n=9)[:, :7, 0], np.linspace(0, 1, 9))
+
+
+def test_rows_without_components_are_refused():
+    with pytest.raises(ValueError, match=r"every feature is zero \(n_samples = 4\)"):
+        RICA(3).fit(np.zeros((4, 3)))
 
 
 def test_table_of_one_recording_is_refused():
