@@ -33,13 +33,3 @@ def louder():
     X, y, random = two_materials()
     X[y == "rice", :, 2] += 0.2 * band_noise(random, 16, 30, (12, 512))
     return X, y
-
-
-def coupled():
-    """As much energy on fx and tz in 61-122 Hz in both; in rice they move together."""
-    X, y, random = two_materials()
-    for label in ("oat", "rice"):
-        first, second = (0.06 * band_noise(random, 78, 96, (12, 512)) for _ in range(2))
-        X[y == label, :, 5] += first
-        X[y == label, :, 0] += first if label == "rice" else second
-    return X, y

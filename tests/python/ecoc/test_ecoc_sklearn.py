@@ -1,12 +1,8 @@
 """The contract of scikit-learn: its own checks, clones, pickles, frames, searches."""
 
-import pickle
-
-import joblib
 import numpy as np
 import pandas as pd
 import pytest
-from sklearn.base import clone
 from sklearn.datasets import load_iris
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
@@ -24,27 +20,6 @@ def test_sklearn_contract_holds(estimator, check):
 
 
 X, y = load_iris(return_X_y=True)
-VARIANTS = {
-    "default": ECOCClassifier(),
-    "own coding": ECOCClassifier(np.array([[1, 1], [-1, 1], [0, -1]]), n_jobs=2),
-    "root": ECOCClassifier("onevsall", loss="root", temperature=0.05),
-}
-
-
-def digest(clf, X):
-    return joblib.hash([clf.predict(X), clf.decision_function(X), clf.binary_scores(X), clf.predict_proba(X)])
-
-
-@pytest.mark.parametrize("name", VARIANTS)
-def test_copies_and_repeated_fits_give_the_same_numbers(name):
-    clf = clone(VARIANTS[name]).fit(X, y)
-    expected = digest(clf, X)
-    assert digest(pickle.loads(pickle.dumps(clf)), X) == expected
-    again = clone(clf)
-    assert not hasattr(again, "classes_")
-    assert digest(again.fit(X, y), X) == expected
-    # A fit leaves no trace of the one before.
-    assert digest(clf.fit(X[:, :2], y[::-1]).fit(X, y), X) == expected
 
 
 @pytest.mark.parametrize("dtype", [str, object])

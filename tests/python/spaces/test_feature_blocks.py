@@ -90,12 +90,6 @@ def test_instants_bins_and_frequencies_have_units(space, name, kind, unit, coord
     np.testing.assert_allclose(block.coordinates, coordinates, atol=1e-12)
 
 
-def test_imaginary_parts_leave_out_what_is_always_zero():
-    block = DFT(rate_hz=500.0).fit(recordings()).feature_blocks()[1]
-    assert block.name == "dft_im"
-    np.testing.assert_allclose(block.coordinates, np.fft.rfftfreq(300, 1 / 500)[1:-1])
-
-
 def test_axes_with_ranges_of_their_own_have_blocks_each():
     (block,) = HFMH().fit(data_set()).feature_blocks()
     assert (block.unit, block.units) == ("N, N m", UNITS)

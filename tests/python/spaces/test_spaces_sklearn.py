@@ -1,13 +1,9 @@
 """The contract of scikit-learn for every feature space and what scales it: no expected failure."""
 
-import pickle
-
 import numpy as np
-import pandas as pd
 import pytest
 import sklearn
 from sklearn.base import clone
-from sklearn.exceptions import NotFittedError
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.utils import estimator_checks
 from sklearn.utils.estimator_checks import parametrize_with_checks
@@ -41,28 +37,6 @@ BY_HAND = [
 @pytest.mark.parametrize("name", [*SPACES, *STATISTICS, *ROWS, *SCALERS])
 def test_sklearn_checks_of_names_and_frames_pass(name, check):
     getattr(estimator_checks, check)(name, clone((EVERY | SCALERS)[name]))
-
-
-@pytest.mark.parametrize("name", EVERY)
-def test_copies_and_frames_hold_the_same_features(name):
-    X = recordings()[:, :, 0] if name in ROWS else recordings()
-    transformer = clone(EVERY[name]).fit(X)
-    expected = transformer.transform(X)
-    copy = pickle.loads(pickle.dumps(transformer))
-    np.testing.assert_array_equal(copy.transform(X), expected)
-    assert str(copy.get_params()) == str(transformer.get_params())
-    np.testing.assert_array_equal(transformer.fit(X[:3]).fit(X).transform(X), expected)
-    unfitted = clone(transformer)
-    for call in (lambda: unfitted.transform(X), unfitted.get_feature_names_out):
-        with pytest.raises(NotFittedError):
-            call()
-    if name in FILTERS:
-        return
-    frame = unfitted.set_output(transform="pandas").fit_transform(X)
-    assert isinstance(frame, pd.DataFrame)
-    assert frame.columns.tolist() == transformer.get_feature_names_out().tolist()
-    assert frame.columns.is_unique
-    np.testing.assert_array_equal(frame.to_numpy(), expected)
 
 
 @pytest.mark.parametrize("in_front", [Tare(0.1), TimePermutation()])

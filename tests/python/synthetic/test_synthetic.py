@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from sklearn.model_selection import LeaveOneGroupOut, StratifiedShuffleSplit
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 from granular_id.recording import SampleFlag
-from granular_id.spaces import RawHFMH
 from granular_id.synthetic import (
     PAPER_MATERIALS,
     Conditions,
@@ -209,36 +207,6 @@ def test_every_valid_material_gives_finite_forces(material, speed, rate_hz, seed
     assert np.isfinite(push).all()
     assert not push[: int(0.1 * rate_hz)].any()
     assert push[-1].any()
-
-
-def _right(features, labels, splits):
-    """Which tested recordings are named rightly, split by split, and their labels."""
-    gram, right, tested = features @ features.T, [], []
-    for train, test in splits:
-        classifier = SVC(kernel="precomputed").fit(gram[np.ix_(train, train)], labels[train])
-        right.append(classifier.predict(gram[np.ix_(test, train)]) == labels[test])
-        tested.append(labels[test])
-    return np.concatenate(right), np.concatenate(tested)
-
-
-def test_spaces_are_above_chance_and_sessions_are_harder(paper_like):
-    """Neither trivial nor hopeless: wide bands on purpose, as the set is no evidence about real accuracy."""
-    data, features, labels = paper_like, RawHFMH().fit_transform(paper_like), paper_like.y
-    # as many for training as where a session is held out
-    random = StratifiedShuffleSplit(5, train_size=99, test_size=33, random_state=0)
-    parts = {"raw": slice(9600), "hfmh": slice(9600, None), "both": slice(None)}
-    accuracy = {
-        name: _right(features[:, part], labels, random.split(labels, labels))[0].mean()
-        for name, part in parts.items()
-    }
-    assert 0.55 < accuracy["raw"] < 0.90
-    assert 0.55 < accuracy["hfmh"] < 0.90
-    assert 0.85 < accuracy["both"] < 0.97
-    right, tested = _right(features, labels, LeaveOneGroupOut().split(labels, labels, data.sessions))
-    assert 0.65 < right.mean() < accuracy["both"] - 0.04
-    recall = [right[tested == label].mean() for label in data.labels]
-    assert min(recall) < 0.8
-    assert max(recall) > 0.95
 
 
 def test_the_rest_before_the_motion_gives_nothing_away(paper_like):
