@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from granular_id.statistics import (
-    cluster_interval,
-    corrected_resampled_t,
-    holm,
-    mann_whitney,
-)
+from granular_id.statistics import cluster_interval, corrected_resampled_t, holm, mann_whitney
 
 DIFFERENCES = [0.031, -0.008, 0.015, 0.023, 0.008, 0.0, 0.038, -0.015, 0.023, 0.015]
 

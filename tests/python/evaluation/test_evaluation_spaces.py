@@ -16,14 +16,7 @@ from granular_id._estimators import convergence_warnings
 from granular_id.evaluation import choice_tables, evaluate
 from granular_id.recording import Dataset, Recording
 from granular_id.rica import RICA
-from granular_id.spaces import (
-    BestClassifier,
-    FeatureSpace,
-    RawHFMH,
-    RawSignal,
-    all_spaces,
-    feature_spaces,
-)
+from granular_id.spaces import BestClassifier, FeatureSpace, RawHFMH, RawSignal, all_spaces, feature_spaces
 from multiband_cases import louder
 
 PRESETS = feature_spaces()

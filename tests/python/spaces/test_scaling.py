@@ -10,12 +10,7 @@ from sklearn.preprocessing import StandardScaler
 
 from granular_id.ecoc import ECOCClassifier
 from granular_id.rica import RICA
-from granular_id.spaces import (
-    BlockScaler,
-    RawSignal,
-    WithinClassWhitening,
-    folded_back,
-)
+from granular_id.spaces import BlockScaler, RawSignal, WithinClassWhitening, folded_back
 from granular_id.spaces.scaling import whitened_grams
 from multiband_cases import two_materials
 
