@@ -22,10 +22,13 @@ from granular_id.io.files import RecordingFileError
 from granular_id.io.leaves import BESIDE, MOST_DEEP, PLACE, Chain, Found, Leaf, Opening
 from granular_id.io.remedy import MOST_LISTED, SIGNAL, Remedy, label_levels, without_number
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSource, LoadOptions
-from granular_id.recording import AXES, SESSION_NAMES, Table, cell_text, units_by_axis
+from granular_id.recording import AXES, SESSION_NAMES, Table, cell_text, meaning_of, units_by_axis
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
 _UNIT = re.compile(r"(^|_)units?(_|$)", re.IGNORECASE)
+_COLUMNS = re.compile(
+    r"(axis|axes|channels?|columns?|cols?|headers?|fields?)([_ ]?(names?|labels?|order))?", re.IGNORECASE
+)
 
 
 def content_of(
@@ -111,7 +114,23 @@ class _Reading:
             problem = f"{unit!r:.60} states units, which are read from 'units' only"
             way_out = in_both(units=UNITS)
             raise RecordingFileError(self._source.path, (f"{problem}; pass ", way_out, ", those of the axes"))
+        self._refuse_axes_unread(found[0])
         return found, [f"{self._how.kind}s that are not read: {', '.join(others)[:200]}"] if others else []
+
+    def _refuse_axes_unread(self, one: Found) -> None:
+        """Refuse an array whose columns are not fx to tz, as something beside it says that is not called `axes`."""
+        if self._options.axes or self._source.axes or self._about("axes", one) is not None:
+            return
+        width = one.leaf.shape[-1]
+        for name, leaf in (item for place in (one.leaf.about, *one.chain) for item in place.items()):
+            texts = _texts(leaf) if isinstance(leaf, Leaf) and leaf.is_text else []
+            known = [meaning_of(text or "").what or text for text in texts]
+            are_axes = set(known) == set(AXES) or _COLUMNS.fullmatch(name)
+            if are_axes and len(set(known) - {None}) == len(known) == width and known != list(AXES):
+                problem = f"{name!r:.60} names the columns, which are read from 'axes' only; pass "
+                raise RecordingFileError(
+                    self._source.path, (problem, in_both(axes=",".join(map(str, known))))
+                )
 
     def _refuse_left_out(self, others: Sequence[Found], found: Sequence[Found]) -> None:
         """Refuse arrays that hold no samples at places that differ by their numbers only from those that do."""

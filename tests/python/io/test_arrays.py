@@ -434,6 +434,27 @@ def test_units_under_another_name_are_refused(tmp_path):
     np.testing.assert_allclose(load(tmp_path / "a.npz", units=["N", "Nmm"]).X, X, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["channels", "ChannelNames", "x"])
+def test_axes_under_another_name_are_refused(tmp_path, name):
+    np.savez(
+        tmp_path / "a.npz", X=X[..., [3, 4, 5, 0, 1, 2]], fs=500, **{name: [*AXES[3:], "Fx [N]", "Fy", "Fz"]}
+    )
+    with pytest.raises(
+        RecordingFileError, match=rf"'{name}' names the columns.* pass axes='tx,ty,tz,fx,fy,fz'"
+    ):
+        load(tmp_path / "a.npz")
+    data = load(tmp_path / "a.npz", axes="tx,ty,tz,fx,fy,fz")
+    np.testing.assert_allclose(data.select(axes=AXES).X, X, atol=1e-12)
+
+
+def test_other_axes_under_another_name_are_refused(tmp_path):
+    np.savez(tmp_path / "a.npz", X=X, fs=500, columns=["wx", "wy", "wz", "ax", "ay", "az"])
+    with pytest.raises(RecordingFileError, match="pass axes='wx,wy,wz,ax,ay,az'"):
+        load(tmp_path / "a.npz")
+    np.savez(tmp_path / "a.npz", X=X, fs=500, columns=AXES)
+    assert load(tmp_path / "a.npz").axes == tuple(AXES)
+
+
 @pytest.mark.parametrize("ending", ["npz", "npy"])
 def test_what_is_no_array_file_has_its_own_sentence(tmp_path, ending):
     (tmp_path / f"a.{ending}").write_bytes(b"no array in here" * 9)
