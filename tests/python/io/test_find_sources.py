@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from granular_id.io import RecordingFileError, load, save
+from granular_id.io import RecordingFileError, load, load_parts, save
 from granular_id.recording import AXES
 
 HEADER = "time," + ",".join(AXES)
@@ -180,21 +180,6 @@ def test_label_and_session_are_read_where_stated(tmp_path, label, session, expec
     data = load(tmp_path, label=label, session=session, time="t", time_unit="s")
     assert (data[0].label, data[0].session) == expected
     assert data.history[-1].notes[0].startswith(f"label: {label} (")
-
-
-@pytest.mark.parametrize(
-    ("options", "problem"),
-    [
-        ({"label": "material"}, "label='material'; wanted 'folder', .*, 'column:NAME' or 'meta:PATH'"),
-        ({"session": "column:"}, "session='column:'; wanted"),
-        ({"label": "column:mass"}, "label='mass' is no column"),
-        ({"label": "meta:tool.name"}, "no text or number in its metadata"),
-        ({"session": "parent"}, "no folder above its own"),
-    ],
-)
-def test_places_that_are_not_there_are_refused(tmp_path, options, problem):
-    with pytest.raises(ValueError, match=problem):
-        load(tree(tmp_path, "rice_1.csv"), **options)
 
 
 def test_index_says_it_all(tmp_path):
@@ -391,17 +376,39 @@ def test_progress_is_called_for_every_file(tmp_path):
     assert calls == [(1, 3), (2, 3), (3, 3)]
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"rate_hz": 0}, {"rate_hz": float("nan")}, {"rate_hz": "1"}, {"on_error": "ignore"}, {"on_time_error": "sort"},
-        {"time_unit": "min"}, {"topic": ""}, {"progress": 3}, {"csv": 7}, {"id": 3}, {"axes": []}, {"units": 3},
-        {"axes": "fx,fx"}, {"topic": "/ft"}, {"array": "X"},
-    ],
-)  # fmt: skip
-def test_bad_settings_are_named(tmp_path, bad):
-    with pytest.raises((TypeError, ValueError), match=next(iter(bad))):
-        load(tree(tmp_path, "rice_1.csv"), **bad)
+READ_FIRST = ({"label": "column:mass"}, {"label": "meta:tool.name"})
+OPTIONS = [
+    *[({"rate_hz": value}, "rate_hz") for value in (0, float("nan"), "1")],
+    *[({name: 3}, name) for name in ("progress", "id", "csv", "units")],
+    ({"on_error": "ignore"}, "on_error='ignore'"),
+    ({"on_time_error": "sort"}, "on_time_error='sort'"),
+    ({"time_unit": "min"}, "time_unit"),
+    ({"axes": []}, "axes"),
+    ({"axes": "fx,fx"}, "axes"),
+    ({"rate": 1}, "rate is no option of load; wanted one of rate_hz|unexpected keyword argument 'rate'"),
+    # options of other formats
+    ({"topic": ""}, "topic"),
+    ({"topic": "/ft"}, "topic"),
+    ({"array": "X"}, "array"),
+    # places that are not there
+    ({"label": "material"}, "label='material'; wanted 'folder', .*, 'column:NAME' or 'meta:PATH'"),
+    ({"session": "column:"}, "session='column:'; wanted"),
+    ({"session": "parent"}, "no folder above its own"),
+    *zip(READ_FIRST, ("label='mass' is no column", "no text or number in its metadata"), strict=True),
+]
+
+
+@pytest.mark.parametrize(("options", "problem"), OPTIONS)
+def test_option_that_cannot_be_is_refused_by_name(tmp_path, options, problem):
+    tree(tmp_path, "rice_1.csv")
+    with pytest.raises((TypeError, ValueError), match=problem):
+        load(tmp_path, **options)
+    with pytest.raises((TypeError, ValueError), match=problem):
+        parts = load_parts(tmp_path, **options)
+        list(parts if options in READ_FIRST else ())
+    for n in (0, 1.5):
+        with pytest.raises((TypeError, ValueError), match="n_recordings must be"):
+            load_parts(tmp_path, n_recordings=n)
 
 
 @pytest.mark.parametrize("kind", ["column", "array", "folder"])

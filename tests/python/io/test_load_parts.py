@@ -72,19 +72,3 @@ def test_skipped_files_are_listed_once_each(tmp_path):
     assert [r for part in parts for r in part] == list(whole)
     skipped = [row for part in parts for row in part.history[-1].rows if "skipped" in row]
     assert skipped == [row for row in whole.history[-1].rows if "skipped" in row]
-
-
-@pytest.mark.parametrize(
-    ("options", "error", "message"),
-    [
-        ({"n_recordings": 0}, ValueError, "n_recordings must be at least 1, got 0"),
-        ({"n_recordings": 1.5}, TypeError, "n_recordings must be a whole number"),
-        ({"rate": 1}, TypeError, "rate is no option of load; wanted one of rate_hz"),
-        ({"on_error": "x"}, ValueError, "on_error='x'"),
-        ({"progress": 1}, TypeError, "progress"),
-    ],
-)
-def test_bad_arguments_are_refused_at_once(tmp_path, options, error, message):
-    path = written(tmp_path, "npz")
-    with pytest.raises(error, match=message):
-        load_parts(path, **options)

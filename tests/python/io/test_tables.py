@@ -80,27 +80,6 @@ def test_long_tables_that_are_refused(tmp_path, case, form):
         load(written(tmp_path, form, **more), rate_hz=None if {"time", "fs"} & set(more) else 100)
 
 
-@FORMS
-def test_columns_choose_clock_label_session_and_axes(tmp_path, form):
-    path = written(
-        tmp_path, form, tick=[0, 10, 20, 30, 40, 50], stuff=["rice"] * 6, day=[3] * 6, wx=W[:, 0] * 2
-    )
-    data = load(
-        path,
-        time="tick",
-        time_unit="ms",
-        label="column:stuff",
-        session="column:day",
-        axes="wx,fz",
-        units="rad/s,N",
-    )
-    (recording,) = data
-    assert (recording.rate_hz, recording.label, recording.session) == (100, "rice", "3")
-    assert recording.axes == ("wx", "fz")
-    assert recording.wrench.tolist() == np.column_stack([W[:, 0] * 2, W[:, 2]]).tolist()
-    assert recording.meta == {"units": {"wx": "rad/s"}, "read_as": "time=tick, axes=wx,fz"}
-
-
 @pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
 def test_dates_of_parquet_give_start_and_rate(tmp_path, unit):
     stamps = np.array(1_600_000_000, f"M8[{unit}]" if unit == "s" else "M8[s]") + np.arange(6).astype("m8[s]")

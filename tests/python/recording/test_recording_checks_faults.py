@@ -125,21 +125,6 @@ def test_other_units_are_their_own_affair(meta):
     assert "units" not in codes(Dataset(depth).check())
 
 
-# --- Stamps, levels, flags
-
-
-IMU = ("wx", "wy", "wz", "ax", "ay", "az")
-
-
-@pytest.mark.parametrize(("unit", "quantity"), [("m/s2", "wx wy wz"), ("", "wx wy wz ax ay az")])
-def test_findings_of_another_sensor_are_in_its_words(sound, unit, quantity):
-    units = ["rad/s" if unit else ""] * 3 + [unit] * 3
-    meta = {"units": dict(zip(IMU, units, strict=True))}
-    other = Dataset([replace(r, axes=IMU, meta=meta) for r in damaged(sound, [7], humming)])
-    found = by_code(other.check())
-    assert f"roughness of {quantity}" in found["outlier"].message
-
-
 @pytest.mark.parametrize(
     ("flag", "every", "severity"),
     [
