@@ -404,8 +404,7 @@ def test_option_that_cannot_be_is_refused_by_name(tmp_path, options, problem):
     with pytest.raises((TypeError, ValueError), match=problem):
         load(tmp_path, **options)
     with pytest.raises((TypeError, ValueError), match=problem):
-        parts = load_parts(tmp_path, **options)
-        list(parts if options in READ_FIRST else ())
+        next(load_parts(tmp_path, **options)) if options in READ_FIRST else load_parts(tmp_path, **options)
     for n in (0, 1.5):
         with pytest.raises((TypeError, ValueError), match="n_recordings must be"):
             load_parts(tmp_path, n_recordings=n)
