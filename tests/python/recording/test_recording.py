@@ -6,7 +6,6 @@ import pickle
 import numpy as np
 import pytest
 
-from granular_id import recording as recordings
 from granular_id.recording import Dataset, Recording, SampleFlag, common_units, same_unit, unit_of
 
 WRENCH = np.arange(24.0).reshape(4, 6)
@@ -40,23 +39,15 @@ def test_keeps_what_it_was_given():
 @pytest.mark.parametrize(
     ("axis", "units", "unit"),
     [
-        *[
-            ("fx", None, "N"),
-            ("tz", {}, "N m"),
-            ("tz", {"tz": "N mm"}, "N mm"),
-            ("wx", {"wx": "rad/s"}, "rad/s"),
-        ],
+        ("fx", None, "N"),
+        ("tz", {}, "N m"),
+        ("tz", {"tz": "N mm"}, "N mm"),
+        ("wx", {"wx": "rad/s"}, "rad/s"),
         *[("wx", units, "") for units in ({"ax": "m/s2"}, None, "rad/s", {"wx": 1})],
     ],
 )
 def test_a_unit_is_stated_or_that_of_a_wrench_or_not_known(axis, units, unit):
     assert unit_of(axis, None if units is None else {"units": units}) == unit
-
-
-def test_axes_in_words_units_that_are_known_follow():
-    meta = {"units": {"wx": "rad/s", "wy": "rad/s"}}
-    named = Recording(WRENCH[:, :3], rate_hz=1, axes=["wx", "wy", "ax"], meta=meta)
-    assert recordings.axes_in_words(named) == "wx wy (rad/s), ax"
 
 
 def test_irregular_recording_keeps_its_stamps():
