@@ -44,6 +44,7 @@ def refused(path, problem, **options):
     return caught.value.problem
 
 
+CP1252 = {"encoding": "cp1252"}
 SIX = "ax,ay,az,wx,wy,wz"
 BOTH = {"label": "folder", "session": "parent"}
 SHARED = {
@@ -52,24 +53,16 @@ SHARED = {
     "12_dropouts": ({}, None, (4, 396, None, 2, 0)),
     "01_session_above_label/by_day": (BOTH, "label='folder', session='parent'", (12, 150, 250, 2, 2)),
     "01_session_above_label/by_person": (BOTH, "label='folder', session='parent'", (12, 150, 250, 2, 2)),
-    "03_ati_demo_export": (
-        {"csv": {"skiprows": 7}, "rate_hz": 500},
-        "line 8 names the columns: pass csv={'skiprows': 7}",
-        (2, 300, 500, 2, 0),
-    ),
+    "03_ati_demo_export": ({"csv": {"skiprows": 7}, "rate_hz": 500}, "{'skiprows': 7}", (2, 300, 500, 2, 0)),
     "05_rows_in_packets": ({"axes": SIX, "rate_hz": 100}, "for other axes pass axes=", (2, 600, 100, 2, 0)),
     "06_other_array_or_topic/train": (
         {"array": "ee_wrench"},
-        r"pass array='ee_wrench' \(.*\) or array='ee_wrench_filtered'",
+        "pass array='ee_wrench' ",
         (36, 300, 500, 3, 0),
     ),
     "11_encodings/utf16.csv": ({}, None, (1, 200, 500, 0, 0)),
     "11_encodings/excel_sep_line.csv": ({}, None, (1, 200, 500, 0, 0)),
-    "11_encodings/windows_1252.csv": (
-        {"axes": SIX, "csv": {"encoding": "cp1252"}},
-        "csv={'encoding': 'cp1252'}",
-        (1, 200, 500, 0, 0),
-    ),
+    "11_encodings/windows_1252.csv": ({"axes": SIX, "csv": CP1252}, str(CP1252), (1, 200, 500, 0, 0)),
 }
 """Options, what the refusal without them names, and recordings, samples, rate, labels and sessions."""
 
@@ -111,10 +104,11 @@ def test_shared_files_are_read_as_the_refusal_says(case, path):
 )
 def test_text_timestamps_are_a_clock(tmp_path, texts):
     frame(Timestamp=texts).to_csv(tmp_path / "a.csv", index=False)
-    frame().set_index(pd.Index(texts)).to_csv(tmp_path / "index.csv.csv")
-    recording = load(tmp_path / "a.csv")[0]
-    assert (recording.rate_hz, recording.n_samples) == (500, 120)
-    assert recording.wrench.tobytes() == W.tobytes()
+    frame().set_index(pd.Index(texts)).to_csv(tmp_path / "of_pandas.csv")
+    for name in ("a.csv", "of_pandas.csv"):
+        recording = load(tmp_path / name)[0]
+        assert (recording.rate_hz, recording.n_samples) == (500, 120)
+        assert recording.wrench.tobytes() == W.tobytes()
 
 
 # -- 3: a sensor maker's export: units above the names

@@ -150,38 +150,39 @@ def long_table(**columns):
     return pd.concat(parts, ignore_index=True)
 
 
+def number(i, _):
+    return i
+
+
+def material(_, name):
+    return name
+
+
+def first_or_later_day(i, _):
+    return f"2025-03-0{1 + i // 2}"
+
+
+def time_of_day(i, _):
+    return [f"09:1{9 - i}:00.{2 * k:03d}" for k in range(60)]
+
+
 LONG = {
-    "push number and material": {"push": lambda i, name: i, "stuff": lambda i, name: name},
-    "runs counted anew": {"run": lambda i, name: i // 2, "material": lambda i, name: name},
-    "nothing but the material": {"material": lambda i, name: name},
+    "push number and material": {"push": number, "stuff": material},
+    "runs counted anew": {"run": lambda i, _: i // 2, "material": material},
+    "nothing but the material": {"material": material},
     "names of files": {"file": lambda i, name: f"{name}_{i}.csv"},
-    "trial and material": {"trial": lambda i, name: i, "powder": lambda i, name: name},
-    "trials counted anew each day": {
-        "day": lambda i, name: f"2025-03-0{1 + i // 2}",
-        "material": lambda i, name: name,
-        "trial": lambda i, name: 1,
-    },
-    "a clock for all": {
-        "Versuch": lambda i, _: i,
-        "Stoff": lambda _, name: name,
-        "time": lambda i, _: 10 * i + np.arange(60) / RATE,
-    },
-    "times of the day": {
-        "Versuch": lambda i, _: i,
-        "Stoff": lambda _, name: name,
-        "time": lambda i, _: [f"09:1{9 - i}:00.{2 * k:03d}" for k in range(60)],
-    },
-    "days of several pushes": {"date": lambda i, name: "ab"[i // 2], "material": lambda i, name: "rice"},
+    "trial and material": {"trial": number, "powder": material},
+    "trials counted anew each day": {"day": first_or_later_day, "material": material, "trial": lambda *_: 1},
+    "one clock": {"Versuch": number, "Stoff": material, "time": lambda i, _: 10 * i + np.arange(60) / RATE},
+    "times of the day": {"Versuch": number, "Stoff": material, "time": time_of_day},
+    "days of several pushes": {"date": lambda i, _: "ab"[i // 2], "material": lambda *_: "rice"},
     "trials of names": {"trial": lambda i, name: f"{name}_{i}"},
     "person and material": {
-        "no": lambda i, name: i,
-        "operator": lambda i, name: "anna" if i < 2 else "bert",
-        "powder": lambda i, name: name,
+        "no": number,
+        "operator": lambda i, _: ("anna", "bert")[i // 2],
+        "powder": material,
     },
-    "material as a number": {
-        "trial": lambda i, name: i,
-        "class_id": lambda i, name: ("rice", "peas").index(name),
-    },
+    "material as a number": {"trial": number, "class_id": lambda _, name: ("rice", "peas").index(name)},
 }
 
 
@@ -201,9 +202,7 @@ def test_what_a_long_table_prints_gives_recordings_and_labels(tmp_path, case, en
 
 def test_a_file_with_five_faults_names_the_label_too(tmp_path):
     names = {"rice": "Grieß", "peas": "Reis"}
-    whole = long_table(Versuch=lambda i, _: i, Schüttgut=lambda _, name: names[name]).rename(
-        columns={"time": "Zeit"}
-    )
+    whole = long_table(Versuch=number, Schüttgut=lambda _, name: names[name]).rename(columns={"time": "Zeit"})
     rows = in_semicolons(whole.to_csv(index=False).splitlines())
     (tmp_path / "all.csv").write_text("\n".join(["Versuchsreihe;A", *rows, ""]), encoding="cp1252")
     data, n = next(ways(tmp_path, {}))
@@ -211,7 +210,7 @@ def test_a_file_with_five_faults_names_the_label_too(tmp_path):
 
 
 def test_several_columns_that_may_be_labels_are_all_offered(tmp_path):
-    columns = {"trial": lambda i, _: i, "day": lambda i, _: "ab"[i // 2], "powder": lambda _, name: name}
+    columns = {"trial": number, "day": first_or_later_day, "powder": material}
     long_table(**columns).to_csv(tmp_path / "all.csv", index=False)
     assert [way["label"] for way in options_of(tmp_path)] == ["column:powder", "column:day", "file"]
     assert load(tmp_path, label="file").labels == ("all",)
