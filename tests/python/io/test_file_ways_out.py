@@ -166,6 +166,10 @@ def time_of_day(i, _):
     return [f"09:1{9 - i}:00.{2 * k:03d}" for k in range(60)]
 
 
+def with_pauses(i, _):
+    return 10 * i + np.arange(60) / RATE
+
+
 LONG = {
     "push number and material": {"push": number, "stuff": material},
     "runs counted anew": {"run": lambda i, _: i // 2, "material": material},
@@ -173,7 +177,8 @@ LONG = {
     "names of files": {"file": lambda i, name: f"{name}_{i}.csv"},
     "trial and material": {"trial": number, "powder": material},
     "trials counted anew each day": {"day": first_or_later_day, "material": material, "trial": lambda *_: 1},
-    "one clock": {"Versuch": number, "Stoff": material, "time": lambda i, _: 10 * i + np.arange(60) / RATE},
+    "one clock": {"Versuch": number, "Stoff": material, "time": with_pauses},
+    "nothing but the material and a clock": {"material": material, "time": with_pauses},
     "times of the day": {"Versuch": number, "Stoff": material, "time": time_of_day},
     "days of several pushes": {"date": lambda i, _: "ab"[i // 2], "material": lambda *_: "rice"},
     "trials of names": {"trial": lambda i, name: f"{name}_{i}"},

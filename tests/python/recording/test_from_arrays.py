@@ -135,6 +135,11 @@ def test_identical_rows_with_one_stamp_are_merged():
         (frame(time=[f"{stamp:%H:%M:%S.%f}" for stamp in ISO[::-1]]), {}, "runs back from 0 to -0.002 s"),
         (frame(time=T * 500), {}, "stamps lie 1 apart"),
         (frame(time=T, material=["a"] * 25 + ["b"] * 25), {}, "2 values in one recording.*id='material'"),
+        (
+            frame(label=[*"aab"] * 16 + ["a", "b"]),
+            {"rate_hz": 100},
+            "has 2 values in one recording: 'a', 'b'",
+        ),
         (frame(time=T, id=["a"] * 49 + [None]), {}, "row 49, column 'id': the cell is empty"),
         (frame(time=T).assign(fx=["1,5"] * 50), {}, "'1,5' is no number; wanted a number$"),
         (frame(time=T).assign(fx=[[1.0]] * 50), {}, "holds lists.*explode"),
