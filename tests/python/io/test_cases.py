@@ -79,9 +79,6 @@ def test_shared_files_are_read_as_the_refusal_says(case, path):
     assert found == figures
 
 
-# -- 2: dates and times as texts
-
-
 @pytest.mark.parametrize(
     "texts",
     [
@@ -111,9 +108,6 @@ def test_text_timestamps_are_a_clock(tmp_path, texts):
         assert recording.wrench.tobytes() == W.tobytes()
 
 
-# -- 3: a sensor maker's export: units above the names
-
-
 @pytest.mark.parametrize(
     ("above", "read"),
     [
@@ -136,9 +130,6 @@ def test_lines_about_other_units_are_passed_over(tmp_path, above):
     assert load(tmp_path / "a.csv", csv={"skiprows": 1})[0].wrench.tobytes() == W.tobytes()
 
 
-# -- 5: rows in packets with one stamp
-
-
 def in_packets(size, rate_hz):
     return 1.7e9 + (np.arange(120) // size) * size / rate_hz
 
@@ -159,9 +150,6 @@ def test_a_clock_that_is_none_needs_a_stated_rate(tmp_path, stamps, rate_hz, pro
     assert data[0].wrench.tobytes() == W.tobytes()
     assert (data.rate_hz, data[0].start_time) == (rate_hz, 1.7e9 if "packets" in problem else None)
     assert "the clock was ignored" in data.history[-1].rows[0]["remark"]
-
-
-# -- 7: pauses in one log
 
 
 def test_pauses_stay_in_the_stamps_and_no_rate_closes_them(tmp_path):
@@ -191,9 +179,6 @@ def test_counted_samples_have_pauses(tmp_path):
     frame(sample=counts).to_csv(tmp_path / "a.csv", index=False)
     parts = load(tmp_path / "a.csv", time="sample", time_unit="sample", rate_hz=500).split(gap_s=1)
     assert [(part.rate_hz, part.n_samples) for part in parts] == [(500, 40), (500, 80)]
-
-
-# -- 9: an MCAP file of JSON
 
 
 @pytest.mark.parametrize("form", ["vectors", "axes"])
@@ -237,9 +222,6 @@ def test_mcap_of_other_messages_says_what_they_are(tmp_path):
             writer.add_message(channel, 5, data, 5)
         writer.finish()
     refused(tmp_path / "a.mcap", r"no wrenches of ROS 2 but /ft \(protobuf\), /log \(json\): .*from_frames")
-
-
-# -- 12: empty cells are missing rows
 
 
 @pytest.mark.parametrize("lost", [[50, 51], [3, 4, 60, 61, 62], [0, 119]])

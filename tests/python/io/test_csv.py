@@ -328,9 +328,3 @@ def test_units_of_other_axes_that_are_unknown_are_refused(tmp_path, units):
         load(tmp_path / "a_1.csv", axes="ax,ay,az,wx,wy,wz", units=units)
     data = load(tmp_path / "a_1.csv", axes="ax,ay,az,wx,wy,wz", units="lbf,uT")
     assert "lbf stay as they are: only axes called fx to tz are converted" in data.history[-1].notes
-
-
-def test_axes_without_unit_are_noted(tmp_path):
-    (tmp_path / "a_1.csv").write_bytes(GOOD.replace(b"fx", b"wx"))
-    data = load(tmp_path / "a_1.csv", axes="wx,fy")
-    assert "no unit is known of wx" in " ".join(data.history[-1].notes)

@@ -94,8 +94,6 @@ def test_samples_are_held_once(tmp_path):
     assert peak < 1.5 * block.nbytes
 
 
-# -- columns in memory
-
 PATH = Path("set.npz")
 
 

@@ -138,8 +138,6 @@ def test_recordings_of_one_length_are_one_block(tmp_path):
     assert read[0].meta["notes"] is read[19].meta["notes"]
 
 
-# A row group at a time.
-
 RNG = np.random.default_rng(20)
 PUSHES = [
     Recording(RNG.standard_normal((4 + i, 6)), rate_hz=500, label="rice", name=f"push {i}") for i in range(5)

@@ -98,9 +98,6 @@ def test_bags_that_were_not_closed(tmp_path):
             load(path)
 
 
-# -- clocks
-
-
 def test_wrench_without_header_has_log_times(tmp_path):
     ros1 = {"/ft": (PLAIN, payloads(ROS1, samples()), even_stamps())}
     topics = {"/silent": (STAMPED, [], []), "/ft": (PLAIN, payloads(ROS2, samples()), even_stamps())}
@@ -151,9 +148,6 @@ def test_faulty_stamps_are_refused_by_message_or_repaired(tmp_path):
     assert load(path, on_time_error="repair").history[-1].rows[0]["moved"] == 1
 
 
-# -- topics
-
-
 def test_several_topics_are_listed_and_one_is_chosen(tmp_path):
     for path, store, write in (
         (tmp_path / "x.bag", ROS1, write_bag1),
@@ -194,9 +188,6 @@ def test_no_wrench_says_what_there_is(tmp_path):
     ):
         with pytest.raises(RecordingFileError, match=problem):
             load(bag)
-
-
-# -- messages
 
 
 @pytest.mark.parametrize(

@@ -41,8 +41,6 @@ def test_synthetic_pushes_of_all_materials():
 
 
 PLAIN = find_onset(push(2), RATE_HZ)
-
-
 OWN_SCALES, OWN_ZEROS = np.array([1, 1e3, 1e-3, 7, 0.1, 1e5]), np.array([5, -700, 0.01, 0, -20, 3e4])
 
 
@@ -59,26 +57,21 @@ def test_units_signs_zeros_and_places_of_axes_make_no_difference(scale, offset, 
     assert (other.index, other.axes) == (PLAIN.index, PLAIN.axes)
 
 
-def white(rng, shape):
-    return rng.standard_normal(shape)
-
-
 def autocorrelated(rng, shape):
     n, n_samples, n_axes = shape
     noise = rng.standard_normal((n, n_samples + 200, n_axes))
     return lfilter([np.sqrt(0.19)], [1, -0.9], noise, axis=1)[:, 200:]
 
 
-def of_one_source(rng, shape):
-    return rng.standard_normal((*shape[:2], 1)) @ np.ones((1, 6))
-
-
-def in_counts(rng, shape):
-    return np.rint(0.3 * rng.standard_normal(shape) + rng.uniform(-1, 1, (shape[0], 1, 6)))
-
-
-def drifting(rng, shape):
-    return rng.standard_normal(shape) + np.linspace(0, 20, shape[1])[:, None]
+NOISES = {
+    "white": lambda rng, shape: rng.standard_normal(shape),
+    "autocorrelated": autocorrelated,
+    "of one source": lambda rng, shape: rng.standard_normal((*shape[:2], 1)) @ np.ones((1, 6)),
+    "in counts": lambda rng, shape: np.rint(
+        0.3 * rng.standard_normal(shape) + rng.uniform(-1, 1, (shape[0], 1, 6))
+    ),
+    "drifting": lambda rng, shape: rng.standard_normal(shape) + np.linspace(0, 20, shape[1])[:, None],
+}
 
 
 def n_found(block, rate_hz, rest, rate):
@@ -92,16 +85,16 @@ def held(rng, shape):
     return rng.standard_normal((shape[0], reading[-1] + 1, shape[2]))[:, reading]
 
 
-@pytest.mark.parametrize("kind", [white, autocorrelated, of_one_source, in_counts, drifting])
+@pytest.mark.parametrize("kind", NOISES)
 @pytest.mark.parametrize(("rate_hz", "n"), [(100, 300), (500, 100)])
 def test_no_motion_gives_no_onset_but_for_the_stated_rate(kind, rate_hz, n):
-    block = kind(np.random.default_rng(1), (n, round(3.2 * rate_hz), 6))
+    block = NOISES[kind](np.random.default_rng(1), (n, round(3.2 * rate_hz), 6))
     for rate in (0.05, 0.001):
         assert n_found(block, rate_hz, round(0.1 * rate_hz), rate) <= binom.ppf(0.999, n, rate)
 
 
-def glitch_at(place):
-    wrench = noise(7)
+def glitch_at(place, wrench=None):
+    wrench = noise(7) if wrench is None else wrench
     wrench[place] += 50
     return wrench
 
@@ -134,16 +127,6 @@ def test_what_is_no_motion(wrench, why):
     assert onset.why.startswith(why)
 
 
-def glitch_at_rest():
-    wrench = push(8, 400)
-    wrench[200:209, 1] += 50
-    return wrench
-
-
-def drift_at_rest():
-    return push(11, 2000, n_samples=3000) + np.arange(3000)[:, None] / RATE_HZ * 5 * NOISE
-
-
 def coarser_than_any_noise():
     wrench = np.rint((20 * push(10) - 19 * noise(10)) / 0.5) * 0.5
     assert (wrench[:80] == 0).all()
@@ -153,8 +136,8 @@ def coarser_than_any_noise():
 @pytest.mark.parametrize(
     ("wrench", "start", "early", "late"),
     [
-        (glitch_at_rest(), 400, 5, 5),
-        (drift_at_rest(), 2000, 5, 5),
+        (glitch_at((slice(200, 209), 1), push(8, 400)), 400, 5, 5),
+        (push(11, 2000, n_samples=3000) + np.arange(3000)[:, None] / RATE_HZ * 5 * NOISE, 2000, 5, 5),
         (coarser_than_any_noise(), START, 1, 20),
         (push(14) * 1e307 / 5, START, 3, 3),
         (push(14) * 1e-307 / 5, START, 3, 3),
@@ -199,9 +182,6 @@ def test_no_more_than_the_stated_rate_lies_above_the_factor(dof, n_tests):
     assert 0.01 < above < 0.055
     assert _factor(dof, 0.01, 1) == pytest.approx(t.isf(0.005, dof))
     assert _factor(1e9, 0.01, n_tests) == pytest.approx(norm.isf(0.01 / n_tests / 2), rel=1e-4)
-
-
-# Sensors that are slower than their messages.
 
 
 def test_a_rest_of_few_readings_is_refused_with_one_that_will_do():

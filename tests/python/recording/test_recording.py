@@ -136,9 +136,6 @@ def test_units_in_a_row_are_those_of_the_axes():
     assert [unit_of(axis, recording.meta) for axis in axes] == units
 
 
-# Units.
-
-
 def imu(meta):
     return Recording(np.zeros((5, 3)), rate_hz=10, axes=("ax", "ay", "az"), name="imu", meta=meta)
 

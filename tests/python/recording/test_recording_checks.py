@@ -38,9 +38,6 @@ def found_in(*recordings):
     return by_code(Dataset(recordings).check())
 
 
-# --- What is found
-
-
 def test_a_sound_set_is_only_said_to_be_small():
     assert "session-is-label" not in found_in(SMALL[0], SMALL[4])
     report = Dataset(SMALL).check()
@@ -85,9 +82,6 @@ def test_constant_and_absurd_readings_are_judged():
         assert "units" in codes(alternating(absurd).check())
 
 
-# --- The report
-
-
 @pytest.fixture(scope="module")
 def report():
     def stuck(w, _):
@@ -117,9 +111,6 @@ def test_it_is_plain_values_and_can_be_pickled(report):
     assert pickle.loads(pickle.dumps(report)) == report
     with pytest.raises(TypeError):
         report[0].values["share"] = 1
-
-
-# --- The summary
 
 
 def test_summary_counts():

@@ -23,9 +23,6 @@ def test_sound_sets_raise_no_warning(seed):
     assert codes(report, infos=True) == set()
 
 
-# --- The faults
-
-
 def clipped(w, _):
     np.minimum(w[:, 0], np.sort(w[:, 0])[1440], out=w[:, 0])
 
@@ -38,23 +35,12 @@ def humming(w, _):
     w[:, 2] += 0.00885 * np.rint(900 * np.sin(2 * np.pi * 150 * TIMES))
 
 
-def forces_only(w, _):
-    return w[:, :3]
-
-
-def without_a_stretch(w, _):
-    return w[WHERE]
-
-
 def irregular(times, **fields):
     return {"rate_hz": None, "time_s": times - times[0], "trigger_index": None, **fields}
 
 
-def shaken(by_s):
-    return np.random.default_rng(0).uniform(0, by_s, 1600)
-
-
 WHERE = np.delete(np.arange(1600), slice(600, 640))
+SHAKEN = np.random.default_rng(0).uniform(0, 1, 1600)
 AFTER_A_PAUSE = TIMES + 0.4 * (np.arange(1600) >= 800)
 
 
@@ -66,13 +52,13 @@ AFTER_A_PAUSE = TIMES + 0.4 * (np.arange(1600) >= 800)
         ([6], None, {"label": None}, "no-label", "has no label"),
         ([6], None, {"rate_hz": 400}, "rates-differ", "2 different rates, 400 to 500 Hz; 1 not at 500"),
         ([6], None, {"rate_hz": 0.5}, "slow rates-differ", "in seconds?"),
-        ([6], forces_only, {"axes": ("fx", "fy", "fz")}, "axes-differ", ""),
+        ([6], lambda w, _: w[:, :3], {"axes": ("fx", "fy", "fz")}, "axes-differ", ""),
         ([6], None, {"session": None}, "some-sessions", "1 of 48"),
         (WHOLE, None, {"start_time": None}, "", ""),
-        ([6], without_a_stretch, irregular(TIMES[WHERE]), "gaps", "0.082 s in 'rice_06'"),
+        ([6], lambda w, _: w[WHERE], irregular(TIMES[WHERE]), "gaps", "0.082 s in 'rice_06'"),
         ([6], None, irregular(AFTER_A_PAUSE), "gaps", "1 above 0.25 s, which resampling refuses: split"),
-        ([6, 20, 33], None, irregular(np.sort(TIMES + shaken(1.8e-3))), "jitter", ""),
-        ([6, 20, 33], None, irregular(TIMES + shaken(1e-4)), "", ""),
+        ([6, 20, 33], None, irregular(np.sort(TIMES + 1.8e-3 * SHAKEN)), "jitter", ""),
+        ([6, 20, 33], None, irregular(TIMES + 1e-4 * SHAKEN), "", ""),
     ],
 )
 def test_a_fault_is_found_by_its_name_and_nothing_else(sound, places, wrench, fields, found, words):
@@ -104,9 +90,6 @@ def test_an_outlier_is_found_where_its_label_has_enough_others(sound):
     assert finding.values["robust_sd"][sound[7].name] > 10
     few = bad.select(indices=[*range(1, 8), *range(12, 19)])
     assert "outlier" not in codes(few.check())
-
-
-# --- The range and the unit of the sensor
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e6])

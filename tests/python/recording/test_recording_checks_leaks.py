@@ -71,9 +71,6 @@ def test_check_what_each_label_has_of_its_own_is_named(meta, names):
         assert by_code(report)["setup-is-label"].values["names"] == tuple(names)
 
 
-# The statistics.
-
-
 @given(st.lists(st.sampled_from([0.0, 1.0, 1.5, 4.0, np.nan]), min_size=2, max_size=30))
 def test_the_nearest_on_a_line_is_as_near_as_any(values):
     values = np.array(values)

@@ -98,9 +98,6 @@ def test_flags_trigger_and_names_carry_over():
     assert out.flags.tolist() == [0, 0, 0, 2, 2, 2, 2, 0, 0]
 
 
-# A lower rate.
-
-
 def tone_left(times, rate_in, tone_hz, rate_hz):
     """Decibels of a tone that are left at another rate, away from the ends."""
     samples = np.sin(2 * np.pi * tone_hz * times + 0.3)[:, np.newaxis]
@@ -188,9 +185,6 @@ def test_few_samples_are_resampled_too(n, is_uniform):
     assert out.trigger_index == 0
 
 
-# Rates of stamps.
-
-
 ROUND = st.sampled_from([62.5, 99.7, 100, 333.3, 500, 1000, 1 / 3, 7000])
 
 
@@ -249,9 +243,6 @@ def test_time_order_sorts_merges_equal_rows_and_averages_none(ticks):
 def test_rates_near_a_round_figure_are_that_figure():
     rates = {500.02: 500, 1000.9: 1000, 62.47: 62.5, 33.02: 33, 0.2501: 0.25, 333.3: 333.3, 501.0: 501.0}
     assert {rate: uniform_rate(np.arange(20_000) / rate) for rate in rates} == rates
-
-
-# Logs with pauses.
 
 
 def log_with_pauses(pauses=(30.0, 45.0), n=200, **fields):

@@ -71,9 +71,6 @@ def test_metadata_state_gravity_frame_and_sign(rests, payload):
     np.testing.assert_allclose(figures(Payload.fit(rests, from_orientations)), figures(payload), rtol=1e-9)
 
 
-# What cannot be known.
-
-
 @pytest.mark.parametrize(
     "down",
     [
@@ -115,9 +112,6 @@ def test_what_gives_no_payload_is_refused(rests, change, gravity, problem):
         Payload.fit(change(rests), gravity)
 
 
-# Files.
-
-
 def test_payload_is_stored_whole(payload, tmp_path):
     payload.save(tmp_path / "tool.json")
     assert Payload.load(tmp_path / "tool.json") == payload
@@ -133,9 +127,6 @@ def test_other_files_are_refused_by_name(tmp_path):
         path.write_text(text)
         with pytest.raises(ValueError, match=r"tool\.json: no payload: "):
             Payload.load(path)
-
-
-# Taking it off.
 
 
 def test_a_rest_is_zero_without_its_payload(rests, payload):
