@@ -12,8 +12,9 @@ import pyarrow
 import pyarrow.parquet
 import scipy.io
 
+from dataset_strategies import small
 from granular_id.io import save
-from granular_id.recording import AXES, Dataset, Recording
+from granular_id.recording import AXES
 from layouts_written import to_h5, to_mat73, to_npz
 from ros_cases import even_stamps, write_kind
 
@@ -51,18 +52,6 @@ PATHS = {
 """What `write_good` makes of each kind; those without an ending are folders."""
 
 
-def dataset() -> Dataset:
-    """A data set with everything that a format may hold."""
-    common = {"label": "rice", "session": "s1", "start_time": 1.7e9, "meta": {"tool": "cylinder"}}
-    uneven = np.concatenate([[0.0], np.cumsum(1 + np.arange(N_SAMPLES - 1) % 3) * 0.01])
-    return Dataset(
-        [
-            Recording(WRENCH, rate_hz=RATE_HZ, trigger_index=5, name="a", **common),
-            Recording(WRENCH * 2, time_s=uneven, name="b", flags=np.ones(N_SAMPLES, np.uint8), **common),
-        ]
-    )
-
-
 def write_good(kind: str, folder: Path) -> Path:
     """Write a good file of one of the kinds in `PATHS` into a folder; it is made once and copied."""
     for name, data in _good(kind).items():
@@ -90,7 +79,7 @@ def _make(kind: str, folder: Path) -> Path:
         bag.rmdir()
         return path
     if kind in ("npz", "archive"):
-        return save(dataset(), path, format="parquet" if kind == "archive" else None)
+        return save(small(), path, format="parquet" if kind == "archive" else None)
     _OTHERS[kind](path)
     return path
 

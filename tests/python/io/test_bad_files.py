@@ -77,7 +77,7 @@ def test_the_rest_of_the_folder_loads_and_the_bad_file_is_listed(tmp_path, kind)
         if file.is_file():
             file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     data = load(tmp_path, on_error="skip", **_options(kind))
-    assert data.y.tolist() == ["peas"] * len(data) or kind in ("npz", "archive")
+    assert kind in ("npz", "archive") or data.y.tolist() == ["peas"] * len(data)
     (row,) = [row for row in data.history[-1].rows if "skipped" in row]
     assert row["skipped"].startswith(str(path))
 
