@@ -1,4 +1,4 @@
-"""Every writable format gives back the same data set; what one format wrote another carries on."""
+"""Every writable format gives back the same data set, and writes names that are safe and nothing half."""
 
 from __future__ import annotations
 
