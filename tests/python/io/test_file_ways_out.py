@@ -214,6 +214,13 @@ def test_a_file_with_five_faults_names_the_label_too(tmp_path):
     assert (data.y.tolist(), n) == (["Grieß", "Reis"] * 2, 1)
 
 
+def test_a_stated_label_needs_the_id_that_is_named(tmp_path):
+    path, labels = tmp_path / "all.csv", ["rice", "rice", "oats", "rice"]
+    long_table(Versuch=number, Stoff=lambda i, _: labels[i], time=with_pauses).to_csv(path, index=False)
+    (way,) = options_of(path, label="column:Stoff")
+    assert load(path, label="column:Stoff", **way).y.tolist() == labels
+
+
 def test_several_columns_that_may_be_labels_are_all_offered(tmp_path):
     columns = {"trial": number, "day": first_or_later_day, "powder": material}
     long_table(**columns).to_csv(tmp_path / "all.csv", index=False)

@@ -140,6 +140,7 @@ def test_identical_rows_with_one_stamp_are_merged():
             {"rate_hz": 100},
             "has 2 values in one recording: 'a', 'b'",
         ),
+        (frame(time=T, label="ri\x07ce"), {}, "column 'label': label .* control character"),
         (frame(time=T, id=["a"] * 49 + [None]), {}, "row 49, column 'id': the cell is empty"),
         (frame(time=T).assign(fx=["1,5"] * 50), {}, "'1,5' is no number; wanted a number$"),
         (frame(time=T).assign(fx=[[1.0]] * 50), {}, "holds lists.*explode"),
