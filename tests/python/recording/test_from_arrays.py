@@ -98,7 +98,7 @@ def test_from_frames_clock_is_read(clock, keywords, start_time):
     assert np.array_equal(data[0].wrench, X[0])
 
 
-def test_from_frames_index_of_dates_is_the_clock_others_are_columns():
+def test_from_frames_index_is_the_clock_or_columns():
     data = Dataset.from_frames(frame().set_index(ISO), ["rice"])
     assert (data.rate_hz, data[0].start_time) == (500, START)
     named = frame().set_index(pd.Index(T, name="seconds"))
