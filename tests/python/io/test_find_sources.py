@@ -339,9 +339,7 @@ def test_what_holds_no_recordings_says_what_is_wanted(tmp_path):
 
 def test_several_levels_at_once_are_refused(tmp_path):
     tree(tmp_path, "peas/1.csv", "rice_1.csv")
-    with pytest.raises(
-        RecordingFileError, match=r"several levels of folders \('rice_1.csv' and 'peas/1.csv'\)"
-    ):
+    with pytest.raises(RecordingFileError, match=r"several levels .*\('rice_1.csv' and 'peas/1.csv'\)"):
         load(tmp_path)
     assert set(load(tmp_path, label="file").labels) == {"1", "rice"}
 
@@ -403,9 +401,6 @@ def test_option_that_cannot_be_is_refused_by_name(tmp_path, options, problem):
         load(tmp_path, **options)
     with pytest.raises((TypeError, ValueError), match=problem):
         next(load_parts(tmp_path, **options)) if options in READ_FIRST else load_parts(tmp_path, **options)
-    for n in (0, 1.5):
-        with pytest.raises((TypeError, ValueError), match="n_recordings must be"):
-            load_parts(tmp_path, n_recordings=n)
 
 
 @pytest.mark.parametrize("kind", ["column", "array", "folder"])

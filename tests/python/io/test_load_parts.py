@@ -72,3 +72,9 @@ def test_skipped_files_are_listed_once_each(tmp_path):
     assert [r for part in parts for r in part] == list(whole)
     skipped = [row for part in parts for row in part.history[-1].rows if "skipped" in row]
     assert skipped == [row for row in whole.history[-1].rows if "skipped" in row]
+
+
+@pytest.mark.parametrize("n_recordings", [0, 1.5])
+def test_a_number_of_recordings_that_cannot_be_is_refused(tmp_path, n_recordings):
+    with pytest.raises((TypeError, ValueError), match="n_recordings must be"):
+        load_parts(tmp_path, n_recordings=n_recordings)
