@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from granular_id.identifier.answers import Batch
+from granular_id.identifier import identify_all
 from granular_id.recording import Recording
 from timeline_cases import timeline
 
@@ -145,18 +145,8 @@ def test_what_does_not_fit_is_refused_with_the_way_out(plain, new, make, hop_s, 
         plain.predict_over(make(new), hop_s)
 
 
-def test_refused_recording_of_another_material_is_no_mistake():
-    n = 4
-    batch = Batch(
-        classes=("oat", "rice"),
-        losses=np.tile([0.1, 0.9], (n, 1)),
-        probabilities=None,
-        candidates=((),) * n,
-        unknown=np.array([False, True, True, False]),
-        names=tuple("abcd"),
-        truth=("oat", "rice", "foam", "foam"),
-        warnings=((),) * n,
-        synthetic="",
-        differences=(),
-    )
-    assert [row[-1] for row in batch.table().rows] == ["oat", "rice (!)", "foam", "foam (!)"]
+def test_refused_recording_of_another_material_is_no_mistake(plain, new):
+    batch = identify_all(plain, new[:4])
+    unknown, truth = np.array([False, True, True, False]), ("oat", "rice", "foam", "foam")
+    seen = replace(batch, losses=np.eye(4)[[1] * 4], unknown=unknown, truth=truth)
+    assert [row[-1] for row in seen.table().rows] == ["oat", "rice (!)", "foam", "foam (!)"]
