@@ -116,6 +116,7 @@ def test_answers_of_programs_have_the_bits_of_python(source, compiled, model, mo
     assert len({decision.candidates for decision in decisions}) > len(KNOWN)
 
 
+@ONE_MODEL
 def test_example_in_c_names_a_recording_of_a_csv_file(compiled, model, model_file, pushes):
     program = compiled("examples/c/identify.c")
     axes, push = pushes.axes, pushes.X[0]
@@ -176,20 +177,13 @@ def test_example_in_cpp_answers_as_python_with_the_rest(compiled, model, pushes,
     assert texts[2].startswith(f"{750 // n_cycle}, ")
 
 
+@ONE_MODEL
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="preloads what counts, for glibc")
 def test_loop_allocates_nothing_and_takes_no_lock(compiled, model_file, tmp_path):
     """A loop of three windows wants of the heap and of locks what a loop of one does."""
     program, counter = compiled("examples/c/control_loop.cpp"), tmp_path / "count.so"
-    run(
-        "cc",
-        "-shared",
-        "-fPIC",
-        "-fno-builtin",
-        *WARNINGS[:3],
-        ROOT / "tests" / "c" / "count.c",
-        "-o",
-        counter,
-    )
+    build = ("cc", "-shared", "-fPIC", "-fno-builtin", *WARNINGS[:3])
+    run(*build, ROOT / "tests" / "c" / "count.c", "-o", counter)
     counts = []
     for seconds in ("0.7", "1.9"):
         words, environment = [program, model_file, seconds], os.environ | {"LD_PRELOAD": str(counter)}
@@ -199,6 +193,7 @@ def test_loop_allocates_nothing_and_takes_no_lock(compiled, model_file, tmp_path
     assert counts[0].endswith("locks 0")
 
 
+@ONE_MODEL
 @pytest.mark.parametrize("options", [(), ("-fsanitize=address,undefined", "-g")], ids=["plain", "sanitized"])
 def test_bad_use_ends_in_statuses(options, compiled, model_file):
     run(compiled("tests/c/bad_use.c", *options), model_file)

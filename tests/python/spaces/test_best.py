@@ -115,15 +115,6 @@ def test_choose_takes_the_first_and_the_best(candidates, leads, chosen):
     assert choose(candidates, np.array(leads)) == chosen
 
 
-def test_leads_grade_the_accuracy():
-    X, y, sessions = drifting(120)
-    choice = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y, sessions=sessions).choice_
-    assert np.corrcoef(choice.accuracies.ravel(), choice.leads.ravel())[0, 1] > 0.9
-    apart = np.repeat(np.eye(3), 4, axis=0) + 1e-3 * X[:12, :3]
-    easy = BestClassifier(shrinkages=[None, 1e-3]).fit(apart, np.repeat(["a", "b", "c"], 4))
-    np.testing.assert_array_equal(easy.choice_.leads, 1.0)
-
-
 def test_best_with_sessions_leaves_a_block_of_the_session_out():
     X, y, sessions = drifting(600)
     clf = BestClassifier(blocks=BLOCKS, optional_blocks=["level"], shrinkages=[None], relative_costs=[1.0])
