@@ -10,7 +10,7 @@ from hypothesis import settings
 settings.register_profile("granular_id", deadline=None)
 settings.load_profile("granular_id")
 
-REAL = ("sliding_wrench", "robot_failures", "sand_press")
+REAL = ("sliding_wrench", "sand_press")
 
 
 @pytest.fixture(scope="session")

@@ -1,14 +1,11 @@
 """Recordings of others: what they measured on them, within a few points."""
 
-import numpy as np
 import pytest
 
 from effort import kinds
-from evaluation_cases import QUIET
 from granular_id.evaluation import evaluate
 from granular_id.io import load
 from granular_id.recording import Dataset
-from robot_failures import load_failures
 
 pytestmark = pytest.mark.data
 
@@ -44,27 +41,3 @@ def test_the_clock_reaches_what_others_found(halves):
     (clock,) = [one for one in halves.baselines if one.name == "clock"]
     assert clock.held.accuracy == pytest.approx(0.85, abs=0.04)
     assert clock.at_random > 0.95
-
-
-COPIES = ("duplicates", "near-duplicates")
-
-FAILURES = {
-    "lp1": ([16, 17, 21, 34], 0.73),
-    "lp2": ([5, 6, 7, 9, 20], 0.66),
-    "lp3": ([3, 9, 15, 20], 0.56),
-    "lp4": ([21, 24, 72], 0.84),
-    "lp5": ([21, 26, 26, 44, 47], 0.62),
-}
-
-
-@pytest.mark.parametrize("name", kinds(["lp1", "lp4"], long=list(FAILURES)))
-def test_unbalanced_short_recordings_are_as_hard_as_published(data_dir, name):
-    """One draw of folds of 15 samples at 47.6 Hz: others' folds differ, by a few points."""
-    data = load_failures(data_dir / "robot_failures", name)
-    counts, published = FAILURES[name]
-    assert sorted(np.unique(data.y, return_counts=True)[1].tolist()) == counts
-    for by in ("random", "time"):
-        result = evaluate(data, "raw", by=by, accept=COPIES, **QUIET)
-        assert sorted(result.headline.rows) == list(range(len(data)))
-        if by == "random":
-            assert result.headline.right.mean() == pytest.approx(published, abs=0.08)
