@@ -71,6 +71,13 @@ def test_shares_are_those_of_the_sets_that_are_given(effect, sure):
     assert (rule.mean, rule.worst) == pytest.approx((np.mean(held), min(held)))
 
 
+def test_sessions_that_differ_make_larger_sets():
+    values, truth, sessions = drawn(90, 3, 2.0)
+    apart = candidate_rule(CLASSES, values, truth, sessions, 0.9)
+    assert apart.threshold > candidate_rule(CLASSES, values, truth, None, 0.9).threshold
+    assert apart.worst < apart.mean
+
+
 def test_rule_without_sessions_promises_less():
     values, truth, sessions = drawn(200)
     rule = candidate_rule(CLASSES, values, truth, None, 0.9)

@@ -178,3 +178,13 @@ def test_figure_shows_the_figures(study):
     assert f"AUROC {np.mean([one.auroc for one in study.unknown]):.3f}" in unknown.get_xlabel()
     without = plot_confidence(replace(study, n_sessions=0)).axes[1]
     assert "worst session" not in {line.get_label() for line in without.lines}
+
+
+@pytest.mark.parametrize(("more", "height"), [([50.0], 1 / 46), ([], 0.0)])
+def test_what_lies_beyond_the_bars_has_a_bar_of_its_own(study, more, height):
+    pytest.importorskip("matplotlib")
+    novelty = np.linspace(0.0, 0.9, 50), np.append(np.linspace(0.5, 1.5, 45), more)
+    panel = plot_confidence(replace(study, novelty=novelty)).axes[2]
+    assert panel.get_xticklabels()[-1].get_text().endswith(" 2")
+    across, up = panel.patches[1].get_xy().T
+    assert up[across > 2.0].max(initial=0.0) == pytest.approx(height)

@@ -87,6 +87,7 @@ def test_the_model_is_the_mean_of_the_chosen(rows, chosen):
     assert choice.machines[0].name == "without level, whitened 0.03, C 1"
     lines = fitted_lines(X, codes, BLOCKS, choice.machines, choice.chosen)
     np.testing.assert_allclose(chosen.coef_, np.mean([coef for coef, _ in lines], axis=0))
+    np.testing.assert_allclose(chosen.intercept_, np.mean([intercept for _, intercept in lines], axis=0))
     np.testing.assert_allclose(chosen.binary_scores(X), X @ chosen.coef_.T + chosen.intercept_)
     twin = ECOCClassifier(loss="root").fit(X, y)
     twin.coef_, twin.intercept_ = chosen.coef_, chosen.intercept_
@@ -113,6 +114,15 @@ OPTIONAL = plan_candidates(["a", "level"], ["level"], [None], [1.0])  # without,
 )
 def test_choose_takes_the_first_and_the_best(candidates, leads, chosen):
     assert choose(candidates, np.array(leads)) == chosen
+
+
+def test_leads_grade_the_accuracy():
+    X, y, sessions = drifting(120)
+    choice = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y, sessions=sessions).choice_
+    assert np.corrcoef(choice.accuracies.ravel(), choice.leads.ravel())[0, 1] > 0.9
+    apart = np.repeat(np.eye(3), 4, axis=0) + 1e-3 * X[:12, :3]
+    easy = BestClassifier(shrinkages=[None, 1e-3]).fit(apart, np.repeat(["a", "b", "c"], 4))
+    np.testing.assert_array_equal(easy.choice_.leads, 1.0)
 
 
 def test_best_with_sessions_leaves_a_block_of_the_session_out():
