@@ -6,6 +6,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+# One thread of linear algebra: on matrices as small as those of the tests, several wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # a busy machine must not fail a test: hypothesis' limit of 200 ms per example is off
 settings.register_profile("granular_id", deadline=None)
 settings.load_profile("granular_id")
