@@ -137,6 +137,16 @@ def test_best_with_sessions_leaves_a_block_of_the_session_out():
     assert clone(clf).fit(X, y, sessions=sessions).coef_[:, 50:].any()
 
 
+@pytest.mark.parametrize("known", [{}, {"order": np.arange(60)}, {"sessions": ["day 1"] * 60}])
+def test_best_without_sessions_leaves_optional_blocks_out(rows, known):
+    """Within a session nothing shows that a zero moves from one to the next, and the level alone tells classes."""
+    _, y, codes, _ = rows
+    X = np.random.default_rng(0).normal(size=(60, 54))
+    X[:, 50:] += 9.0 * codes[:, np.newaxis]
+    best = BestClassifier(blocks=BLOCKS, optional_blocks=["level"], **FEW).fit(X, y, **known)
+    assert not best.coef_[:, 50:].any()
+
+
 @pytest.mark.parametrize("order", [None, np.arange(60)])
 def test_rows_that_share_samples_are_on_one_side(order):
     couples = np.array([(k, k + 2) for k in range(60) if k % 4 < 2])
