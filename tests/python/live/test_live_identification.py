@@ -200,39 +200,31 @@ def fitted(axes, **known):
     return gid.Identifier.fit(Dataset(turned), "hfmh", estimate=False)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"pre_s": 0.2}, "pre_s is 0.2, but the model was trained with 0.1 s of rest"),
-        ({"n_samples": 3}, "n_samples"),
-        ({"robot": 3}, "robot must have move_line and stop, got int"),
-        ({"trigger": "motions"}, "trigger must be one of"),
-        ({"robot": "source"}, "asks for the robot of the source, and replay"),
-    ],
-)
-def test_identify_refused_argument_is_named(options, words):
-    with pytest.raises((TypeError, ValueError), match=words):
-        next(gid.identify(ReplaySource(PUSHES), MODEL, **options))
+def asked(model=MODEL, **options):
+    return gid.identify(ReplaySource(PUSHES), model, **options)
 
 
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: gid.identify(ReplaySource(PUSHES), MODEL, n=0), "n must be at least 1, got 0"),
-        (lambda: gid.identify(ReplaySource(PUSHES), MODEL, on_failure="stop"), "on_failure must be"),
-        (lambda: gid.identify(ReplaySource(PUSHES), "missing.safetensors"), "missing"),
+        (lambda: next(asked(pre_s=0.2)), "pre_s is 0.2, but the model was trained with 0.1 s of rest"),
+        (lambda: next(asked(n_samples=3)), "n_samples"),
+        (lambda: next(asked(robot=3)), "robot must have move_line and stop, got int"),
+        (lambda: next(asked(trigger="motions")), "trigger must be one of"),
+        (lambda: next(asked(robot="source")), "asks for the robot of the source, and replay"),
+        # before the first answer
+        (lambda: asked(n=0), "n must be at least 1, got 0"),
+        (lambda: asked(on_failure="stop"), "on_failure must be"),
+        (lambda: asked("missing.safetensors"), "missing"),
         (lambda: named(bench(RICE)).pushes(1.5), "whole number"),
+        (lambda: named(bench(RICE, rate_hz=100.0)), "the model is for 500 Hz, bench delivers 100 Hz"),
+        (
+            lambda: named(bench(RICE), fitted([5, 4, 3, 2, 1, 0], trigger_index=50)),
+            "the axes tz ty tx fz fy fx;",
+        ),
+        (lambda: named(bench(RICE), fitted([0, 1, 2, 3, 4, 5])), "pre_s must be given"),
     ],
 )
-def test_bad_argument_is_refused_before_the_first_answer(call, words):
+def test_what_cannot_be_identified_is_refused_by_name(call, words):
     with pytest.raises((TypeError, ValueError, FileNotFoundError), match=words):
         call()
-
-
-def test_model_of_other_rate_or_axes_or_unknown_rest_is_refused():
-    with pytest.raises(ValueError, match="the model is for 500 Hz, bench delivers 100 Hz"):
-        named(bench(RICE, rate_hz=100.0))
-    with pytest.raises(ValueError, match="for the axes tz ty tx fz fy fx;"):
-        named(bench(RICE), fitted([5, 4, 3, 2, 1, 0], trigger_index=50))
-    with pytest.raises(ValueError, match="pre_s must be given"):
-        named(bench(RICE), fitted([0, 1, 2, 3, 4, 5]))
