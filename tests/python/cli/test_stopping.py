@@ -7,13 +7,10 @@ import subprocess
 import pytest
 
 import granular_id as gid
-from granular_id.cli.interrupts import stopping_the_robot
 
 if not hasattr(signal, "SIGHUP"):
     pytest.skip("processes are ended by signals of POSIX systems", allow_module_level=True)
 pytestmark = pytest.mark.usefixtures("heeding_interrupts")
-
-SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
 @pytest.fixture(scope="module")
@@ -75,11 +72,3 @@ def test_a_lost_connection_without_terminal_stops_the_robot(begin, commands):
     session.process.stdout.close()  # what reads the output is gone; nobody sends a signal
     session.process.stdout = None
     assert session.ended()[0] == 141
-
-
-@pytest.mark.parametrize("number", SIGNALS)
-def test_no_robot_is_reported_where_none_moves(capsys, number):
-    with pytest.raises(SystemExit) as ended, stopping_the_robot():
-        signal.raise_signal(number)
-    assert ended.value.code == 128 + number
-    assert capsys.readouterr().err == f"Ended by {number.name}: no file was left half-written.\n"

@@ -52,16 +52,6 @@ def test_extract_features_equals_scipy_and_numpy(n_axes, n_recordings, n_samples
     assert twin.differing_bits(got, wanted) == 0
 
 
-def test_the_size_of_the_paper():
-    rng = np.random.default_rng(1)
-    wrench = 0.2 * np.cumsum(rng.standard_normal((20, 1600, 6)), axis=1)
-    wanted = twin.features(wrench)
-    for threads in (None, 1, 3):
-        assert twin.differing_bits(extract_features(wrench, threads=threads), wanted) == 0
-    for recording, row in zip(wrench[:3], wanted, strict=False):
-        assert twin.differing_bits(extract_features(recording), row) == 0
-
-
 # Extraction counts quickly, by arithmetic, and only beside an edge by comparison. With a filter of first order, sample
 # after sample is chosen so that the filter's output is an edge, or one unit in the last place beside it.
 
