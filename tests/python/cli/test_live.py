@@ -118,28 +118,6 @@ def test_ctrl_c_ends_sessions_with_what_there_is(live, tmp_path, monkeypatch, he
 # -- refusals
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("--label ,", "--label must name at least one material"),
-        ("--label rice,rice", "--label must name each material once, got 'rice,rice'"),
-        ("--label rice,suger", "'suger'; known: dry peas, rice"),
-        ("--label rice --session ' '", "--session is empty"),
-        ("--label rice --direction 1,0", "--direction must be X,Y,Z such as 0,-1,0, got '1,0'"),
-        ("--label rice --robot ur", "--robot must be one of auto, none, manual, source"),
-        ("--label rice --source simm:rice", "'simm'; known: bota, rdt"),
-        (
-            "--label rice -o x.npz",
-            "or an archive, x.parquet, got 'x.npz': granular-id data convert FOLDER x.npz",
-        ),
-        ("--label rice --source replay:nowhere", "nowhere: no such file or folder"),
-    ],
-)
-def test_record_refuses_what_cannot_be(tmp_path, words, message):
-    assert message in refused("record", "--source", SIM, "-o", tmp_path / "x", *shlex.split(words))
-    assert not list(tmp_path.iterdir())
-
-
 class Real(ThreadedSource):
     """A sensor that is no simulation, part of an arm that cannot go back."""
 
@@ -168,21 +146,6 @@ def test_record_without_a_terminal_refuses_to_need_hands(tmp_path, monkeypatch, 
     assert message in line
     assert "standard input is no terminal" in line
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("--no-browser", "--no-browser is about the page of --view: leave it out"),
-        ("--robot none --timeout-s 1", "nothing triggered within 1 s"),
-        ("--source sim:rice?rate_hz=100", "the model is for 500 Hz, simulated rice delivers 100 Hz"),
-        ("--model no.safetensors", "no.safetensors"),
-        ("--early --archive seen", "--archive keeps whole pushes, with --early there are none"),
-    ],
-)
-def test_live_refuses_what_does_nothing_or_harm(live, words, message):
-    line = refused(*live, "--n", 1, "--quiet", *shlex.split(words))
-    assert message in line
 
 
 def test_options_of_a_push_reach_the_identifier(live, monkeypatch):
@@ -250,15 +213,6 @@ def test_live_with_a_hop_answers_as_identify_does(grounds, tmp_path):
     assert out.splitlines()[0].startswith("0.49 s: ")
     assert "16 answers" in out
     assert "Answering: " in ended_well("live", *words[:-2], "--n", 3)
-
-
-@pytest.mark.parametrize("words", ["--early", "--robot manual", "--direction=-1,0,0", "--archive seen"])
-def test_live_with_a_hop_refuses_what_is_about_pushes(grounds, words):
-    model, file = grounds
-    line = refused(
-        "live", "--source", f"replay:{file}?speed=20", "--model", model, "--hop-s", 0.5, *words.split()
-    )
-    assert f"{re.split('[ =]', words)[0]} is about pushes; with --hop-s answers go on" in line
 
 
 # -- into archives

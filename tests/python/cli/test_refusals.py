@@ -72,6 +72,28 @@ BEFORE_READING = [
     ("archive add new absent", "absent: no such file or folder"),
     ("archive add . .", "give the archive another place"),
     ("archive add . broken.npz", "give the archive another place"),
+    ("record --source sim:?seed=4 -o x --label ,", "--label must name at least one material"),
+    ("record --source sim:?seed=4 -o x --label rice,rice", "must name each material once, got 'rice,rice'"),
+    ("record --source sim:?seed=4 -o x --label rice,suger", "'suger'; known: dry peas, rice"),
+    ("record --source sim:?seed=4 -o x --label rice --session ' '", "--session is empty"),
+    ("record --source sim:?seed=4 -o x --label rice --direction 1,0", "such as 0,-1,0, got '1,0'"),
+    ("record --source sim:?seed=4 -o x --label rice --robot ur", "must be one of auto, none, manual, source"),
+    (
+        "record --source sim:?seed=4 -o x.npz --label rice",
+        "an archive, x.parquet, got 'x.npz': granular-id data",
+    ),
+    ("record --source simm:rice -o x --label rice", "'simm'; known: bota, rdt"),
+    ("record --source replay:nowhere -o x --label rice", "nowhere: no such file or folder"),
+    ("live --source sim:?seed=4 --model m --no-browser", "is about the page of --view: leave it out"),
+    ("live --source sim:?seed=4 --model m --early --archive seen", "with --early there are none"),
+    (
+        "live --source sim:?seed=4 --model m --hop-s 1 --early",
+        "--early is about pushes; with --hop-s answers go on",
+    ),
+    ("live --source sim:?seed=4 --model m --hop-s 1 --robot manual", "--robot is about pushes"),
+    ("live --source sim:?seed=4 --model m --hop-s 1 --direction=-1,0,0", "--direction is about pushes"),
+    ("live --source sim:?seed=4 --model m --hop-s 1 --archive seen", "--archive is about pushes"),
+    ("live --source sim:?seed=4 --model no.safetensors", "no.safetensors"),
 ]
 
 
@@ -93,6 +115,7 @@ AFTER_READING = [
     ("identify {model} {folder} {folder} -o out", "-o takes the answers about one archive, got 2: name one"),
     ("archive add {folder}/fleet {folder}", "give the archive another place"),
     ("model {model} --json {model}", "belongs to"),
+    ("live --source sim:rice --model {model}", "is for 125 Hz, simulated rice delivers 500 Hz"),
     ("data convert {folder} x.npz --tare-s 9 --on-error skip", "none of 30 recordings has 9 s of rest"),
     ("setup payload {folder} -o t.json", "error: gravity must be given"),  # there is no --gravity here
 ]
