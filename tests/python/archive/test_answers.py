@@ -69,6 +69,8 @@ def mixed(trained):
     fresh[2] = replace(fresh[2], flags=flags)
     fresh[4] = replace(fresh[4], label=None)
     longer = [replace(one, trigger_index=LEAD + k) for k, one in enumerate(pushes(6, seed=2, n_samples=90))]
+    padded = np.vstack([np.zeros((5, 6)), trained[0].wrench, np.zeros((5, 6))])
+    longer[5] = replace(trained[0], wrench=padded, trigger_index=LEAD + 5)  # the model knows it, cropped
     early = np.zeros(90, np.uint8)
     early[0] = SampleFlag.BAD_STATUS  # cropped away
     longer[3] = replace(longer[3], flags=early)

@@ -111,6 +111,7 @@ def test_refusal_is_followed_until_the_command_works(tmp_path, monkeypatch, kind
     source = FOLDERS[kind](tmp_path / "in")
     words = way_out(refused("evaluate", source, "--spaces", "raw"))
     assert words[:2] == ["data", "convert"]
+    assert ("--max-gap-s" in words) == (kind == "stamps that are uneven, with gaps")
     for _ in range(3):
         result = run(*words)
         if result.exit_code == 0:
