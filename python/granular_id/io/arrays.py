@@ -17,15 +17,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._text import UNITS, alternatives, in_both
+from granular_id._text import alternatives, in_both
 from granular_id.io.files import RecordingFileError
 from granular_id.io.leaves import BESIDE, MOST_DEEP, PLACE, Chain, Found, Leaf, Opening
 from granular_id.io.remedy import MOST_LISTED, SIGNAL, Remedy, label_levels, without_number
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSource, LoadOptions
-from granular_id.recording import AXES, SESSION_NAMES, Table, cell_text, meaning_of, units_by_axis
+from granular_id.recording import (
+    AXES,
+    SESSION_NAMES,
+    UNIT_NAMES,
+    Table,
+    TableError,
+    cell_text,
+    meaning_of,
+    refuse_units_unread,
+    units_by_axis,
+)
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
-_UNIT = re.compile(r"(^|_)units?(_|$)", re.IGNORECASE)
 _COLUMNS = re.compile(
     r"(axis|axes|channels?|columns?|cols?|headers?|fields?)([_ ]?(names?|labels?|order))?", re.IGNORECASE
 )
@@ -43,6 +52,7 @@ def content_of(
     tables = [table for one in found for table in reading.tables(one)]
     reading.refuse_labels_unread(tables)
     reading.refuse_recordings_in_rows(found)
+    reading.refuse_padding(found, tables)
     places = [
         f"{how.kind} {table.name}" if len(tables) > 1 else f"{how.kind} {found[0].path}" for table in tables
     ]
@@ -76,6 +86,7 @@ class _Reading:
     def found(self) -> tuple[list[Found], list[str]]:
         """Return the arrays of samples, and notes on what is left out."""
         tree, wanted = self._tree, self._options.array
+        self._refuse_units_unread()
         why_none = (
             "holds no recordings by the convention: X (recordings, samples, axes) with y and fs, or an array a "
             "recording named as its label"
@@ -109,13 +120,24 @@ class _Reading:
             for name in tree
             if name not in used and name.lower() not in _KNOWN and not name.startswith("_")
         ]
-        unit = next((name for name in others if _UNIT.search(name)), None)
-        if unit is not None and self._options.units is None:
-            problem = f"{unit!r:.60} states units, which are read from 'units' only"
-            way_out = in_both(units=UNITS)
-            raise RecordingFileError(self._source.path, (f"{problem}; pass ", way_out, ", those of the axes"))
         self._refuse_axes_unread(found[0])
         return found, [f"{self._how.kind}s that are not read: {', '.join(others)[:200]}"] if others else []
+
+    def _refuse_units_unread(self) -> None:
+        """Refuse units under another name, of arrays, attributes and fields."""
+        if self._options.units is not None or self._source.units is not None:
+            return
+        beside = [(one.name, one.leaf) for one in self._leaves]
+        beside += [item for one in self._leaves for item in one.leaf.about.items()]
+        named = [
+            (name, leaf) for name, leaf in beside if UNIT_NAMES.search(name) and name.lower() not in _KNOWN
+        ]
+        try:
+            refuse_units_unread(
+                {name: ",".join(text or "" for text in _texts(leaf)) for name, leaf in named if leaf.is_text}
+            )
+        except TableError as error:
+            raise RecordingFileError(self._source.path, error.parts) from error
 
     def _refuse_axes_unread(self, one: Found) -> None:
         """Refuse an array whose columns are not fx to tz, as something beside it says that is not called `axes`."""
@@ -288,6 +310,22 @@ class _Reading:
             parts = (f"{problem}; if not, pass ", in_both(array=found[0].path), *lines)
             raise RecordingFileError(self._source.path, parts)
 
+    def refuse_padding(self, found: Sequence[Found], tables: Sequence[Table]) -> None:
+        """Refuse recordings of one array that end in rows of zeros, and do not begin with any."""
+        if self._options.array is not None or all(len(one.leaf.shape) == 2 for one in found):
+            return
+        zeros = [np.asarray(~table.values.any(axis=1)) for table in tables if table.values is not None]
+        n_padded = sum(rows[-1] for rows in zeros)
+        if not any(rows[-2:].all() for rows in zeros) or any(rows[0] for rows in zeros):
+            return
+        mend = ".pipe(lambda f: f.loc[f.any(axis=1)[::-1].cummax()])"
+        insist = in_both(array=found[0].path)
+        problem = (
+            f"{n_padded} of {len(tables)} recordings of {found[0].path} end in rows of zeros, as what is padded; how "
+            f"many samples each has is read from 'lengths'; {insist} reads zeros as samples"
+        )
+        raise RecordingFileError(self._source.path, (problem, *self.remedy.mended(found)(mend)))
+
     def days_beside(self, found: Sequence[Found], tables: Sequence[Table]) -> dict[str, list[str]]:
         """Return what is called like days beside the recordings, with a text for each, where no session is known."""
         if any(table.session for table in tables):
@@ -372,6 +410,16 @@ class _Reading:
         texts = _texts(leaf)
         if len(texts) == 1 and (leaf.values.ndim == 0 or n == 1 or what not in ("y", "lengths")):
             return texts * n
+        ids = [
+            other
+            for other in self._leaves
+            if other.leaf.values.dtype.kind in "iu"
+            and other.leaf.shape == one.leaf.shape[:1] == (len(texts),)
+        ]
+        if what == "y" and n == 1 and ids and self._offers:
+            problem = f"y has a value for each sample of {one.path}, which holds recordings in rows"
+            counted = next((other for other in ids if other.leaf is not leaf), ids[0])
+            raise RecordingFileError(self._source.path, [problem, *self.remedy.apart([one], counted)])
         if len(texts) != n:
             problem = (
                 f"{rule or what} has {len(texts)} values, and {one.path} {one.leaf.shape} {n} recordings"

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from granular_id._text import UNITS, counted, in_both
 from granular_id.io.files import RecordingFileError, need
 from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.io.ways_out import frames_line, is_clock
+from granular_id.io.ways_out import frames_line, is_clock, reshaped
 from granular_id.recording import (
     AXES,
     LABEL,
@@ -64,6 +64,12 @@ _UNITS_ABOVE = re.compile(
     re.IGNORECASE,
 )
 _SOME_UNITS = re.compile(r"\W*(?:units?|einheit(?:en)?)\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
+_SCALED = re.compile(
+    r"N[\s_*.\N{MIDDLE DOT}-]?[mc]m|\b[mk]N\b|mN[\s_*.\N{MIDDLE DOT}-]?m|"
+    r"\b(in|ft)?[\s_.-]?(lbs?|lbf|ozf?|kgf)[\s_.-]?(in|ft)?\b"
+)
+"""Units in a text that are other than N and N m."""
+
 _NUMERIC = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
 _COMMENTS = ("#", "%", "!", "/")
 UNNAMED = re.compile(r"Unnamed: (\d+)")
@@ -143,6 +149,12 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         return {} if row is None else {"line": line_of(sample_rows[row])}
 
     for row, (text, has_figures) in no_samples.items():
+        if options.units is None and not units and _SCALED.search(text):
+            raise RecordingFileError(
+                source.path,
+                (f"{text[:60]!r} states units; pass ", in_both(units=UNITS), ", those of the axes"),
+                line=line_of(row),
+            )
         if has_figures:
             below = row > max(sample_rows, default=0)
             csv: dict[str, Any] = {"skiprows": [line_of(row) - 1]}
@@ -421,8 +433,9 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
     named = [name for name in names if meaning_of(name).what in AXES]
     silent = options.units is None and not units and any(meaning_of(name).unit is None for name in named)
     for i, before in enumerate(head.lines[: head.line - 1], 1):
-        some = _SOME_UNITS.fullmatch(before.strip()) if silent else None
-        if some is not None and any(map(is_unit, re.findall(r"[^\s,;/\"':=]+", some[1]))):
+        some = _SOME_UNITS.fullmatch(before.strip())
+        states = some is not None and any(map(is_unit, re.findall(r"[^\s,;/\"':=]+", some[1])))
+        if silent and (states or _SCALED.search(before)):
             problem = f"states units for all axes together ({before.strip()[:60]!r})"
             raise RecordingFileError(
                 head.path, (f"{problem}; pass ", in_both(units=UNITS), ", these"), line=i
@@ -454,7 +467,7 @@ def _other_names(pandas: Any, head: _Head, error: TableError, source: FileSource
         way_out = (
             (_names_given(head) if not known else [])
             or _renamed(head, error)
-            or (_axes_given(pandas, head) if not known else [])
+            or (_axes_given(pandas, head, source) if not known else [])
             or way_out
         )
         if not way_out and len(set(known)) == len(known) < len(AXES):
@@ -493,7 +506,9 @@ def _renamed(head: _Head, error: TableError) -> list[str]:
     ]
     if any(meaning_of(name).scale is None for name in named):
         return []
-    return ["; if its columns are these, pass ", in_both(csv={"header": 0, "names": named})]
+    is_scaled = any(one.what is one.unit is None and _SCALED.search(one.base) for one in meanings)
+    way = {"csv": {"header": 0, "names": named}} | ({"units": UNITS} if is_scaled else {})
+    return ["; if its columns are these, pass ", in_both(**way)]
 
 
 def _line_of_names(head: _Head, axes: tuple[str, ...] | None) -> int | None:
@@ -533,9 +548,11 @@ def _names_given(head: _Head) -> list[str]:
     return []
 
 
-def _axes_given(pandas: Any, head: _Head) -> list[str]:
+def _axes_given(pandas: Any, head: _Head, source: FileSource) -> list[str]:
     """Say which columns of numbers may be other axes: ids, positions, temperatures and clocks are none."""
     columns, _ = _columns(_read(pandas, head, _FEW), head)
+    if mend := reshaped(columns):
+        return frames_line(_opening(head), source, Table(name=source.name, columns=columns), mend)
     numbers = [
         name
         for name, cells in columns.items()
@@ -560,7 +577,8 @@ def _axes_given(pandas: Any, head: _Head) -> list[str]:
     others = measured if len(measured) >= len(AXES) else others
     short = [meaning_of(name).base for name in others]
     names = others if len(set(short)) < len(short) else short
-    if len(names) > len(AXES) and not all(name[-1:].lower() in "xyz" for name in names):
+    ends = [name.lower()[-2:] for name in names]
+    if len(names) > len(AXES) and (len(set(ends)) < len(ends) or any(end[-1:] not in "xyz" for end in ends)):
         shown = ", ".join(names[:_MOST_NAMED]) + " ..." * (len(names) > _MOST_NAMED)
         return [
             f"; axes= names those of its columns that are the axes, in the order fx to tz (--axes): {shown}"

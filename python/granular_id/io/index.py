@@ -1,6 +1,6 @@
 """``index.csv``: what is known about the files of a folder, a line each.
 
-Column ``file`` (path within the folder; also ``filename`` or ``path``) is needed; ``label``, ``session``,
+Column ``file`` (path within the folder; or ``filename``, ``path``) is needed; ``label`` (or ``material``), ``session``,
 ``start_time`` (seconds since 1970, or a date, of UTC where it states no zone), ``rate_hz`` (or ``irregular``: keep the
 stamps), ``trigger_index``, ``name``, ``meta`` (a JSON object) and ``axes`` (a JSON list, or names with commas between
 them) may follow in any order, empty cells meaning "not known". Any other column goes into ``meta`` as text.
@@ -13,9 +13,10 @@ import io
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime, timezone
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -23,7 +24,7 @@ from granular_id._core import GranularIdError
 from granular_id.io.files import RecordingFileError, attempt
 from granular_id.io.flat import checked_history, history_json
 from granular_id.io.source import FileSource
-from granular_id.recording import LABEL, SESSION, Dataset, StepReport, checked_axes
+from granular_id.recording import LABEL, SESSION, Dataset, StepReport, checked_axes, meaning_of
 
 INDEX_NAME = "index.csv"
 INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta", "axes")
@@ -62,6 +63,10 @@ def read_index(
             problem = f"no column 'file'; wanted {wanted}: call the one with the paths of the files so"
             raise RecordingFileError(path, problem, line=line)
         columns[of_files[0]] = "file"
+    for what in (LABEL, SESSION):  # material, class: as in tables
+        alike = [i for i, column in enumerate(columns) if meaning_of(column).what == what]
+        if what not in columns and len(alike) == 1:
+            columns[alike[0]] = what
     lines: dict[Path, int] = {}
     found: list[FileSource] = []
     for line, cells in rows:
@@ -80,6 +85,19 @@ def read_index(
     if not found and not problems:
         raise RecordingFileError(path, "has a header but lists no file", line=2)
     return columns, found
+
+
+def column_of_files(path: Path, names: Collection[str]) -> tuple[str, str] | None:
+    """Return the column of a table that lists files of its folder as an index does, and the ending left out there."""
+    if path.suffix.lower() != ".csv":
+        return None
+    with suppress(RecordingFileError, ValueError):
+        (_, columns), (_, cells) = islice(_rows(path), 2)
+        for column, cell in zip(columns, cells, strict=True):
+            ending = next((name.removeprefix(cell) for name in names if cell and name.startswith(cell)), None)
+            if ending is not None and "/" not in ending and (not ending or ending[0] == "."):
+                return column, ending
+    return None
 
 
 def read_history(path: Path) -> tuple[StepReport, ...]:
@@ -135,8 +153,9 @@ def _indexed(
     named: dict[str, Any] = {}
     for what in (LABEL, SESSION):  # an option may name a column of the index
         name = (stated.get(f"{what}_from") or "").partition(":")[2] or dict(stated["columns"]).get(what, "")
-        if name.lower() in columns:
-            named |= {what: texts[name.lower()] or None, f"{what}_from": None}
+        name = name.lower() if name.lower() in columns else str(meaning_of(name).what)
+        if name in columns:
+            named |= {what: texts[name] or None, f"{what}_from": None}
     named["columns"] = tuple(one for one in stated["columns"] if one[0] not in named)
     irregular = known["rate_hz"] == IRREGULAR
     others = {column: text for column, text in texts.items() if column not in INDEX_COLUMNS and text}

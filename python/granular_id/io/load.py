@@ -513,7 +513,7 @@ def _labels_of_one(reads: Sequence[_Read]) -> list[str]:
     counts = Counter(recording.label for recording, _ in recordings if recording.label is not None)
     single = [label for label, count in counts.items() if count == 1]
     if len(counts) < 2 or 2 * len(single) <= len(counts):
-        return []
+        return _labels_in_pairs(reads)
     values: dict[str, list[str | None]] = {
         "file": [source.name_label for _, source in recordings],
         "folder": [source.path.parent.name if "/" in source.name else None for _, source in recordings],
@@ -542,6 +542,24 @@ def _labels_of_one(reads: Sequence[_Read]) -> list[str]:
     return [
         f"{len(single)} of {counted(len(counts), 'label')} have one recording only ({some}), and nothing to test with: "
         f"where they are no materials, {pass_one}name files after them, or list file and label in an index.csv"
+    ]
+
+
+def _labels_in_pairs(reads: Sequence[_Read]) -> list[str]:
+    """Say where labels that places say are pairs of words of which each is in several: ``anna_rice``."""
+    labels = {read.source.label_else for read in reads if read.source.label is None} - {None}
+    split = [re.fullmatch(r"([^\W_]+)[\W_]+(.+)", str(label)) for label in labels]
+    pairs = [(one[1], one[2]) for one in split if one is not None]
+    firsts, seconds = (sorted({pair[i] for pair in pairs}) for i in (0, 1))
+    if (
+        len(pairs) < len(labels)
+        or min(len(firsts), len(seconds)) < 2
+        or len(pairs) < len(firsts) * len(seconds)
+    ):
+        return []
+    return [
+        f"labels are pairs of {', '.join(firsts[:_EXAMPLES])} and {', '.join(seconds[:_EXAMPLES])}, each a material; "
+        "where one of the two is none (a person, a speed), list file and label in an index.csv"
     ]
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from granular_id._text import WayOut, alternatives, in_both
 from granular_id.io.files import RecordingFileError, need
 from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.io.ways_out import in_python
+from granular_id.io.ways_out import Place, in_python, in_python_each, paths_line, places_of
 from granular_id.recording import AXES, Table, meaning_of
 
 _HEADER, _WRENCH = "std_msgs/msg/Header", "geometry_msgs/msg/Wrench"
@@ -155,20 +155,30 @@ def _other_messages(source: FileSource) -> str | tuple[str, ...] | None:
         return None
     for topic, (channel, message) in found.items():
         if channel.message_encoding == "json" and (fields := _fields_in(json.loads(message.data))):
-            rows = "{**json.loads(m.data), 'time': m.log_time / 1e9}"
-            line = in_python(
-                "from mcap.reader import make_reader",
-                f"bag = make_reader(io.BytesIO(pathlib.Path({str(path)!r}).read_bytes()))",
-                f"rows = [{rows} for _, _, m in bag.iter_messages(topics=[{topic!r}])]",
-                _frame_of_rows(source, fields),
-            )
-            return ("messages in JSON are no messages of ROS", line)
+            return ("messages in JSON are no messages of ROS", *_json_lines(source, topic, fields))
     encodings = [channel.message_encoding for channel, _ in found.values()]
     listed = ", ".join(f"{topic[:80]} ({kind})" for topic, kind in zip(found, encodings, strict=True))
     others = (
         f"holds no wrenches of ROS 2 but {listed[:300]}: decode them, and pass columns to Dataset.from_frames"
     )
     return None if set(encodings) <= {"cdr"} else others
+
+
+def _json_lines(source: FileSource, topic: str, fields: Sequence[str]) -> list[str]:
+    """Return the lines that read six numbers of messages in JSON, of all files like this one."""
+    places = places_of(source)
+    paths = paths_line(source) if places else f"paths = [pathlib.Path({str(source.path)!r})]"
+    bag = f"make_reader(io.BytesIO(path.read_bytes())).iter_messages(topics=[{topic!r}])"
+    rows = f"[{{**json.loads(m.data), 'time': m.log_time / 1e9}} for _, _, m in {bag}]"
+    frame = f"pandas.json_normalize({rows})[{['time', *fields]}].set_axis({['time', *AXES]}, axis=1)"
+    lines = ["from mcap.reader import make_reader", paths, f"frames = [{frame} for path in paths]"]
+    own = repr(source.label or source.label_else) if source.label or source.label_else else ""
+    calls = []
+    for label, session, why in places or [Place(own, None, "")]:
+        labels = f", [{label} for path in paths]" * bool(label)
+        sessions = f", sessions=[{session} for path in paths]" if session else ""
+        calls.append((f"Dataset.from_frames(frames{labels}{sessions})", why))
+    return in_python_each(lines, calls)
 
 
 def _bag_line(source: FileSource, topic: str, fields: Sequence[str], mend: str = "") -> WayOut:

@@ -18,12 +18,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from granular_id._text import alternatives, counted, in_both, verb
+from granular_id._text import counted, in_both, verb
 from granular_id.io.files import RecordingFileError, attempt
 from granular_id.io.formats import FORMATS, FileFormat
-from granular_id.io.index import HISTORY_NAME, INDEX_COLUMNS, INDEX_NAME, read_history, read_index
+from granular_id.io.index import (
+    HISTORY_NAME,
+    INDEX_COLUMNS,
+    INDEX_NAME,
+    column_of_files,
+    read_history,
+    read_index,
+)
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions
-from granular_id.io.ways_out import index_line, unknown_files_line
+from granular_id.io.ways_out import in_python, index_line, unknown_files_line
 from granular_id.recording import StepReport
 
 LAYOUTS = "label/*.csv, label_1.csv, or an index.csv with the columns file and label"
@@ -36,7 +43,7 @@ OTHER_FILES = (
 """What to do about files of no known format."""
 
 _NO_RECORDING = re.compile(
-    r"(mean|average|avg|std|median|summary|readme|license|metadata)([\W_].*|$)"
+    r"(mean|average|avg|std|median|summary|readme|license|metadata|labels|materials|overview)([\W_].*|$)"
     r"|(.*[\W_])?(mean|average|avg|median|mittelwert)[\W_]*\d*\.\w+",
     re.IGNORECASE,
 )
@@ -53,6 +60,9 @@ _MONTH = (
 )
 _NUMBER = re.compile(rf"(?:[\s_.-]+{_WORD})?[\s_.-]*\(?\d+\)?$", re.IGNORECASE)
 """A number at the end of a name, with the word that it counts: ``_run3``."""
+
+_COPY = re.compile(r"(.+?)(?: - copy| copy)?(?: ?\(\d+\))?", re.IGNORECASE)
+"""What file managers and browsers call a copy: ``rice_1 (1)``, ``rice_1 - Copy``."""
 
 _AT_DATE = re.compile(rf"[\s_.-]*\(?{_DATE}\)?$")
 _BEFORE_NUMBER = re.compile(rf"[\s_.-]+{_WORD}[\s_.-]*\d*$", re.IGNORECASE)
@@ -133,6 +143,8 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
     if 0 < len(beside) < len(found.files):
         found.files = [source for source in found.files if source.name not in beside]
         found.notes.append(f"not read, as their names are not those of recordings: {listed(beside)}")
+        if options.label is None:
+            _refuse_index_unread(path, beside, [source.name for source in found.files])
     labels = labels_of([source.path for source in found.files])
     found.files = [replace(one, name_label=label) for one, label in zip(found.files, labels, strict=True)]
     kinds = ", ".join(ending for ending, _ in Counter(found.others).most_common(3))
@@ -150,6 +162,19 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
         root = path.resolve()
         found.files = [placed(one, options, root / one.path.relative_to(path)) for one in found.files]
     return found
+
+
+def _refuse_index_unread(root: Path, beside: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse a folder in which a table lists files, and is not called index.csv."""
+    for name in beside:
+        if (column := column_of_files(root / name, names)) is not None:
+            read = f"table = pandas.read_csv({str(root / name)!r}, dtype=str).rename(columns={{{column[0]!r}: 'file'}})"
+            ends = [f"table['file'] += {column[1]!r}"] * bool(column[1])
+            write = f"table.to_csv({str(root / INDEX_NAME)!r}, index=False)"
+            line = in_python(read, *ends, write, f"load({str(root)!r})")
+            raise RecordingFileError(
+                root / name, (f"lists files; wanted in a file called {INDEX_NAME}", line)
+            )
 
 
 def _index_beside(path: Path) -> list[str]:
@@ -242,6 +267,8 @@ def label_of(path: Path) -> str | None:
 def labels_of(paths: Sequence[Path]) -> list[str | None]:
     """Return what `label_of` each of some files is, where names together show more: which words count runs."""
     stems = [_stem(path) for path in paths]
+    originals = [(found[1] if (found := _COPY.fullmatch(stem)) else stem) for stem in stems]
+    stems = [one if one in stems else stem for one, stem in zip(originals, stems, strict=True)]
     names, before, is_first = stems, list[str](), True
     while is_first or names != before:
         before = names
@@ -360,15 +387,12 @@ def _label_by_place(root: Path, found: Sources) -> None:
             next(one for one in found.files if one.name.count("/") == depth) for depth in sorted(depths)
         ]
         both = " and ".join(repr(one.name) for one in firsts[:2])
-        places = ("folder", "parent", "file") if min(depths) else ("folder", "file")
-        problem = (
-            f"recordings lie at several levels of folders ({both}); wanted one layout: {LAYOUTS}; or say where the "
-            "label stands: "
-        )
-        ways = alternatives([in_both(label=one) for one in places])
-        first = "; where the first folder is the material"
-        line = [first, index_line(root, firsts[0].path.suffix)] if min(depths) else []
-        raise RecordingFileError(root, (problem, *ways, *line))
+        problem = f"recordings lie at several levels of folders ({both}); wanted one layout: {LAYOUTS}"
+        of_names = ["; if the names of files hold the label pass ", in_both(label="file")]
+        of_first = ["; where the first folder is the material", index_line(root, firsts[0].path.suffix)]
+        is_named = all(source.name_label for source in found.files)
+        ways = of_names * is_named + of_first * bool(min(depths))
+        raise RecordingFileError(root, [problem, *ways])
     doubt = _two_levels(found.files) if depths != {1} and found.files else doubt
     n_labels = len({source.path.parent for source in found.files})
     for i, source in enumerate(found.files):
@@ -394,15 +418,30 @@ def _two_levels(files: Sequence[FileSource]) -> tuple[str, ...]:
     top = ["; an index.csv says it, too"]
     if above:
         top = [f"; where {above[0]!r} is the material", index_line(first.root, first.path.suffix)]
-    readings = [(inner, outer, "folder", "parent"), (outer, inner, "parent", "folder")]
-    if all(_ORDERED.fullmatch(source.path.parent.name) for source in files) and not all(
-        _ORDERED.fullmatch(source.path.parent.parent.name) for source in files
-    ):
+    readings = [
+        (f"{inner!r} is the material and {outer!r} the session", {"label": "folder", "session": "parent"}),
+        (f"{outer!r} is the material and {inner!r} the session", {"label": "parent", "session": "folder"}),
+    ]
+    folders = [source.path.parent for source in files]
+    is_counted = [all(_ORDERED.fullmatch(one.name) for one in folders)]
+    is_counted.append(all(_ORDERED.fullmatch(one.parent.name) for one in folders))
+    if all(one.name.lower().startswith(one.parent.name.lower()) for one in folders):  # rice/rice_1/ft.csv
+        readings = [
+            (f"{outer!r} is the material and {inner!r} a recording", {"label": "parent"}),
+            readings[0],
+        ]
+    elif is_counted == [True, False] or all(one.name.lower() in _NO_LABEL for one in folders):
         readings.reverse()
+    labels = {source.name_label for source in files}
+    if None not in labels and 1 < len(labels) < len(files):  # anna/03-11/rice_1.csv
+        of_names = (
+            f"{first.name_label!r} is the material and {inner!r} the session",
+            {"label": "file", "session": "folder"},
+        )
+        readings.insert(0, of_names)
     parts: list[str] = []
-    for material, other, label, session in readings:
-        reading = f"{material!r} is the material and {other!r} the session: pass "
-        parts += ["; or " * bool(parts) + reading, in_both(label=label, session=session)]
+    for reading, options in readings:
+        parts += ["; or " * bool(parts) + f"{reading}: pass ", in_both(**options)]
     problem = f"files lie in folders within folders ({first.name!r}), which may mean two things: "
     return (problem, *parts, *top)
 
@@ -422,10 +461,13 @@ def _no_materials(found: Sources) -> tuple[str, ...] | None:
     several = any(len(one) > 1 for one in stems.values()) and not n_folders.keys() & _NO_LABEL
     if not (several and (shared or words)) and not all(SESSION_LIKE.fullmatch(name) for name in names):
         return None
-    example = files[0].name
-    label = files[0].name_label or files[0].path.stem
+    example, label = files[0].name, files[0].name_label
+    problem = f"folders may be no materials ({example!r})"
+    if not all(source.name_label for source in files):
+        insist = in_both(label="folder")
+        return (f"{problem}: list file and label in an index.csv, or if they are materials pass {insist}",)
     return (
-        f"folders may be no materials ({example!r}): {names[0]!r} is the session and {label!r} the material: pass ",
+        f"{problem}: {names[0]!r} is the session and {label!r} the material: pass ",
         in_both(label="file", session="folder"),
         f"; or {names[0]!r} is the material: pass ",
         in_both(label="folder"),

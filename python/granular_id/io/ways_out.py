@@ -131,6 +131,29 @@ def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> li
     return [in_python(frame, f"Dataset.from_frames(frame{labels}{words})")]
 
 
+def reshaped(columns: Mapping[str, Any]) -> str:
+    """Return methods of a data frame that make columns of axes: of a row a reading, or of axes of several recordings.
+
+    Empty where a table is neither: ``kind, value`` with a name of an axis in each row, or ``rice_1_fx ... oats_2_tz``.
+    """
+    for name, cells in columns.items():
+        if all(meaning_of(str(cell)).what in AXES for cell in cells):
+            index = [one for one in columns if one not in (name, list(columns)[-1])]
+            return f".pivot(index={index}, columns={name!r}, values={list(columns)[-1]!r}).reset_index()"
+    split = [re.fullmatch(r"(.+?)([\W_]+)([FfTt][XYZxyz])", name) for name in columns]
+    found = [one.groups() for one in split if one is not None]
+    names, axes = list(dict.fromkeys(one[0] for one in found)), list(dict.fromkeys(one[2] for one in found))
+    whole = len(found) == len(names) * len(axes) and len({one[1] for one in found}) == 1
+    stems = {re.sub(r"[\W_]*\d+$", "", name) for name in names}
+    if not whole or not 1 < len(stems) < len(names) or [axis.lower() for axis in axes] != list(AXES):
+        return ""  # FT1 and FT2, or tool and table, are two sensors
+    clock = [name for name in columns if meaning_of(name).what == "time"][:1]
+    parts = f"f[[*{clock}, *(name + {found[0][1]!r} + axis for axis in {axes})]].set_axis([*{clock}, *{axes}], axis=1)"
+    label = r"re.sub(r'[\W_]*\d+$', '', name)"
+    each = f"{parts}.assign(recording=name).assign(label={label}) for name in {names}"
+    return f".pipe(lambda f: pandas.concat([{each}]))"
+
+
 def index_line(root: Path, ending: str) -> WayOut:
     """Return the line that writes an index.csv by which the first folder is the material, and reads it."""
     return in_python(

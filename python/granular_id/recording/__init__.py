@@ -17,6 +17,7 @@ from granular_id.recording.columns import (
     SESSION as SESSION,
     SESSION_NAMES as SESSION_NAMES,
     TIME as TIME,
+    UNIT_NAMES as UNIT_NAMES,
     TableError as TableError,
     cell_text as cell_text,
     column_names as column_names,
@@ -83,7 +84,11 @@ from granular_id.recording.summary import (
     axes_in_words as axes_in_words,
     headline as headline,
 )
-from granular_id.recording.table import Stated as Stated, Table as Table
+from granular_id.recording.table import (
+    Stated as Stated,
+    Table as Table,
+    refuse_units_unread as refuse_units_unread,
+)
 from granular_id.recording.wrench import (
     TARE_S as TARE_S,
     rest_zero as rest_zero,

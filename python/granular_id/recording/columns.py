@@ -155,6 +155,9 @@ TIMES = (
 )
 """Names of a clock without case and separators; of several that are there, the first one is it."""
 
+UNIT_NAMES = re.compile(r"(^|[\W_a-z])[Uu](nit|NIT)[sS]?($|[\W_])")
+"""What states units is called so."""
+
 SESSION_NAMES = re.compile(
     r"(.*[\W_])?(date|day|session|datum|tag|sitzung|jour|fecha|d[i\N{LATIN SMALL LETTER I WITH ACUTE}]a|giorno)"
     r"($|[\W_\d].*)",
@@ -183,7 +186,10 @@ _QUANTITIES = {**dict.fromkeys(AXES[:3], "N"), **dict.fromkeys(AXES[3:], "N m"),
 
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 _THOUSANDS = re.compile(r"\s*[+-]?\d{1,3}(,\d{3})+\.\d*\s*")
-_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
+DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
+_POINTS = re.compile(r"\s*[+-]?\d{1,3}(\.\d{3})+(,\d+)?\s*")
+"""A number with points between thousands, where a comma is the decimal mark."""
+
 
 _LONGEST = 200
 """Characters of a name: a topic, a field and a unit have room, and no regular expression takes long."""
@@ -383,10 +389,13 @@ def _no_number(
         mend = f".explode({list(names)}).astype(dict.fromkeys({list(names)}, float))"
         return TableError("holds lists; wanted one number a row", row, name, mend=mend)
     text = str(cell)[:40]
-    with_comma = _DECIMAL_COMMA.fullmatch(text), _THOUSANDS.fullmatch(text)
     option: dict[str, Any] = {}
-    if any(with_comma):
-        option = {"decimal": ","} if with_comma[0] else {"thousands": ","}
+    if DECIMAL_COMMA.fullmatch(text):
+        option = {"decimal": ","}
+    elif _THOUSANDS.fullmatch(text):
+        option = {"thousands": ","}
+    elif _POINTS.fullmatch(text) and ("," in text or (csv or {}).get("decimal") == ","):
+        option = {"decimal": ",", "thousands": "."}
     elif several == {text} and all(str(value).strip() == called for called, value in beside.items()):
         option = {"na_values": list(columns)}  # its names again
     elif several == {text} and all(value == cell for value in beside.values()):  # else it were empty in part
@@ -394,20 +403,23 @@ def _no_number(
     why = "; if it stands for a missing sample" * (option.get("na_values") == text)
     if csv is not None and any(csv.get(key) != value for key, value in option.items()):
         return TableError((f"{text!r} is no number{why}: pass ", in_both(csv=option)), row, name)
+    has_marks = bool(option.keys() & {"decimal", "thousands"})
     mend = mended(names, is_text=True, decimal=(csv or {}).get("decimal", "."))
     stamps = columns.get(clock or "")
     if stamps is not None and stamps.dtype.kind == "O" and _NUMBER.fullmatch(str(stamps[0])):
         rows = [float(str(stamp)) for stamp in stamps if _NUMBER.fullmatch(str(stamp))]
-        anew = ANEW.format(stamps=f"pandas.to_numeric(f[{clock!r}])") * bool((np.diff(rows) < 0).any())
+        anew = ANEW.format(name="recording", stamps=f"pandas.to_numeric(f[{clock!r}])") * bool(
+            (np.diff(rows) < 0).any()
+        )
         mend = NUMERIC_ROWS.format(clock=clock) + anew + mend
-    return TableError(f"{text!r} is no number; wanted a number", row, name, mend=mend * (not any(with_comma)))
+    return TableError(f"{text!r} is no number; wanted a number", row, name, mend=mend * (not has_marks))
 
 
 NUMERIC_ROWS = ".pipe(lambda f: f[pandas.to_numeric(f[{clock!r}], errors='coerce').notna()])"
 """The method of a data frame that leaves out rows whose stamp is no number."""
 
 
-ANEW = ".assign(recording=lambda f: ({stamps}.diff() < 0).cumsum())"
+ANEW = ".assign({name}=lambda f: ({stamps}.diff() < 0).cumsum())"
 """The method that begins a recording where stamps run back."""
 
 

@@ -28,6 +28,7 @@ from granular_id.recording.clock import (
 )
 from granular_id.recording.columns import (
     ANEW,
+    DECIMAL_COMMA,
     FLAGS,
     LABEL,
     LABEL_NAMES,
@@ -125,9 +126,15 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
         raise TableError("the cell is empty", row, picked.called[RECORDING], mend=mend)
     found = np.unique(np.column_stack(texts), axis=0, return_index=True, return_inverse=True)
     firsts, codes = found[1], found[2].ravel()
-    if np.count_nonzero(np.diff(codes)) >= len(firsts) and TIME not in picked.columns:
-        problem = "has the same value again behind other recordings, and no clock tells where the rows belong"
-        raise TableError(problem, column=picked.called[RECORDING])
+    n_stretches = np.count_nonzero(np.diff(codes)) + 1
+    if n_stretches > len(firsts) and (TIME not in picked.columns or len(codes) > _MANY * n_stretches):
+        problem = "has the same value again behind other recordings, which are as many as there are stretches"
+        names = [picked.called[what] for what in (RECORDING, LABEL, SESSION) if what in picked.columns]
+        anew = f"(f[{names}] != f[{names}].shift()).any(axis=1)"
+        if TIME in picked.columns and picked.columns[TIME].dtype.kind in "iuf":
+            anew = f"({anew} | (f[{picked.called[TIME]!r}].diff() < 0))"
+        mend = f".assign(**{{{names[0]!r}: lambda f: {anew}.cumsum()}})"
+        raise TableError(problem, column=picked.called[RECORDING], mend=mend)
     numbered = all(text.isdecimal() for text in dict.fromkeys(texts[0].tolist()))
     names = [f"{name}[{texts[0][first]}]" if numbered else str(texts[0][first]) for first in firsts]
     if len(set(names)) < len(names):  # trials are counted anew for each label or session
@@ -295,6 +302,9 @@ class _Part:
             try:
                 return stamps_of(self._columns[TIME], self._picked.time_unit, stated.time_unit, rate_hz)
             except TableError as error:
+                if self._table.csv is not None and DECIMAL_COMMA.fullmatch(str(self._columns[TIME][0])):
+                    text = f"{str(self._columns[TIME][0])[:40]!r} is no number: pass "
+                    raise TableError((text, in_both(csv={"decimal": ","})), 0) from None
                 if stated.rate_hz is None or STATE_RATE not in error.parts:
                     raise
                 reason = error.problem.partition(";")[0]
@@ -364,8 +374,18 @@ class _Part:
         ):  # trials counted anew each day
             return ("; pass ", in_both(session=f"column:{days[0]}")), ""
         ids = sorted(ids, key=days.__contains__) or _ids(self._table, self._picked, self._rows, begins)
-        if not ids:
-            return (), ANEW.format(stamps=f"f[{self._picked.called[TIME]!r}]")
+        beside = [_texts_of(cells) for what, cells in self._columns.items() if what in (LABEL, SESSION)]
+        ids = [
+            name
+            for name in ids
+            if len(np.unique([_texts_of(self._table.columns[name][self._rows]), *beside], axis=1).T)
+            > len(begins)
+        ]
+        if not ids or RECORDING in self._columns:
+            return (), ANEW.format(
+                name=self._picked.called.get(RECORDING, "recording"),
+                stamps=f"f[{self._picked.called[TIME]!r}]",
+            )
         return ("; pass ", in_both(id=ids[0])), ""
 
     def _no_clock(self) -> list[str]:

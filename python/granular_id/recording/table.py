@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, locked
 from granular_id._core import AXES
+from granular_id._text import UNITS, in_both
 from granular_id.recording.columns import (
     LABEL,
     NANOSECONDS,
@@ -18,7 +19,9 @@ from granular_id.recording.columns import (
     SESSION,
     TAKEN,
     TIME,
+    UNIT_NAMES,
     TableError,
+    cell_text,
     columns_of,
     factor,
     is_known_unit,
@@ -105,6 +108,10 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
     axes = named_axes or AXES
     if RECORDING in called and RECORDING not in dict(named) and _numbers_rows(cells[called[RECORDING]]):
         del called[RECORDING]
+    if stated.units is None and not table.units and set(axes) & set(AXES):
+        one_each = [name for name in cells if UNIT_NAMES.search(name) and len(set(cells[name].tolist())) == 1]
+        of_columns = {name: cell_text(cells[name][0]) for name in one_each}
+        refuse_units_unread({**table.meta, **stated.meta, **of_columns})
     scales, units, notes = _units_of(axes, called, table, stated)
     columns = {what: cells[name] for what, name in called.items() if what not in axes}
     time_unit = None if TIME not in called else table.units.get(called[TIME]) or meaning_of(called[TIME]).unit
@@ -128,6 +135,24 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
     notes += _notes_on(cells, called, table)
     wrench = wrench if scales is None else wrench * scales
     return Picked(wrench, axes, called, units, notes, columns, time_unit)
+
+
+def refuse_units_unread(beside: Mapping[str, Any]) -> None:
+    """Refuse units of forces or torques that stand where none are read, but for N and N m."""
+    found: dict[str, list[str]] = {}
+    for name, text in beside.items():
+        units = [part.strip() for part in text.split(",")] if isinstance(text, str) else []
+        if UNIT_NAMES.search(name) and units and all(factor(one, "N") or factor(one, "N m") for one in units):
+            found[name] = units
+    if all(1.0 in (factor(unit, "N"), factor(unit, "N m")) for units in found.values() for unit in units):
+        return
+    of_kind = {name[0].lower(): units for name, units in found.items() if name[:1].lower() in ("f", "t")}
+    pair = [of_kind.get("f", ["N"])[0], of_kind.get("t", ["N m"])[0]] if of_kind else []
+    every = next((units for units in found.values() if len(units) > 1), pair)
+    name, units = next(iter(found.items()))
+    problem = f"{name!r:.60} states units ({','.join(units)!r:.40}), which are not read there; pass "
+    way_out = in_both(units=",".join(every) or UNITS)
+    raise TableError((problem, way_out, *[", those of the axes"] * (not every)))
 
 
 def _notes_on(cells: Mapping[str, NDArray[Any]], called: Mapping[str, str], table: Table) -> list[str]:

@@ -223,7 +223,7 @@ def index_of(folder, header, row):
 
 @pytest.mark.parametrize(
     ("header", "row"),
-    [("file;Class", "{file};{label}"), ("file,grain,operator,rig", "{file},{label},ann,r{i}")],
+    [("file;Stuff", "{file};{label}"), ("file,grain,operator,rig", "{file},{label},ann,r{i}")],
 )
 def test_labels_of_an_index_are_taken_as_it_says(tmp_path, monkeypatch, header, row):
     monkeypatch.chdir(tmp_path)

@@ -434,6 +434,38 @@ def test_units_under_another_name_are_refused(tmp_path):
     np.testing.assert_allclose(load(tmp_path / "a.npz", units=["N", "Nmm"]).X, X, atol=1e-12)
 
 
+@pytest.mark.parametrize("how", ["attribute", "field"])
+def test_units_of_attributes_and_fields_are_refused(tmp_path, how):
+    scaled = X * [1, 1, 1, 1000, 1000, 1000]
+    if how == "attribute":
+        with h5py.File(tmp_path / "a.h5", "w") as file:
+            file["X"], file["fs"] = scaled, 500
+            file["X"].attrs["torque_unit"] = "N mm"
+    else:
+        structs = [{"wrench": one, "fs": 500, "torque_unit": "N mm"} for one in scaled]
+        scipy.io.savemat(tmp_path / "a.mat", {"data": np.array(structs, object)})
+    (path,) = tmp_path.iterdir()
+    ways = options_of(path)
+    assert ways[0]["units"] == "N,N mm"
+    np.testing.assert_allclose(load(path, **ways[0]).X, X, atol=1e-12)
+
+
+def test_padding_by_zeros_is_refused_with_a_line(tmp_path):
+    np.savez(tmp_path / "a.npz", X=np.nan_to_num(PADDED), y=LABELS, fs=500, n_valid=[50, 30, 50, 49])
+    data = run(lines_of(refusal(tmp_path / "a.npz"))[0])
+    assert [one.n_samples for one in data] == [len(one) for one in UNEQUAL]
+    assert data.y.tolist() == LABELS
+    assert load(tmp_path / "a.npz", array="X").X.shape == X.shape
+
+
+def test_labels_of_samples_beside_rows_have_a_line(tmp_path):
+    rows, trials = np.concatenate(X), np.repeat(np.arange(4), len(W))
+    np.savez(tmp_path / "a.npz", X=rows, y=np.repeat(LABELS, len(W)), trial=trials, fs=500)
+    data = run(lines_of(refusal(tmp_path / "a.npz"))[0])
+    assert data.y.tolist() == LABELS
+    np.testing.assert_allclose(data.X, X)
+
+
 @pytest.mark.parametrize("name", ["channels", "ChannelNames", "x"])
 def test_axes_under_another_name_are_refused(tmp_path, name):
     np.savez(

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from granular_id.io import load
+from granular_id.io import RecordingFileError, load
 from layouts_written import WRITERS, written
 from remedies import lines_of, options_of, refusal, run
 
@@ -70,6 +70,11 @@ def maker(torques="in-lb", scale=1 / INCH_POUND):
     return [*above, "Status, Fx, Fy, Fz, Tx, Ty, Tz, Time", *rows]
 
 
+def with_points(i, row):
+    cells = [f"{value:,.6f}".translate(str.maketrans(",.", ".,")) for value in row]
+    return ";".join([f"{i / RATE}".replace(".", ","), *cells])
+
+
 def in_tabs(text):
     return [line.replace(",", "\t") for line in text]
 
@@ -78,6 +83,8 @@ def in_semicolons(text):
     return [line.replace(",", ";").replace(".", ",") for line in text]
 
 
+NAMES = ["time", *AXES]
+IN_MILLI = ["time", *(f"{axis} [mN{' m' * (axis[0] == 't')}]" for axis in AXES)]
 IN_NMM = lines(table(scale=[1, 1, 1, 1e3, 1e3, 1e3]))
 IN_MN = ["Y_Unit_Label", *["mN"] * 3, *["N mm"] * 3]
 IN_POUNDS = [1 / POUND] * 3 + [1 / INCH_POUND] * 3
@@ -104,6 +111,16 @@ CASES = {
     "no names": (lines(table())[1:], [], {}),
     "packets of four": (lines(table(time=np.arange(60) // 4 * 4 / RATE)), [], {}),
     "no clock": (lines(table()[AXES]), [], {}),
+    "points between thousands": ([";".join(IN_MILLI), *map(with_points, range(60), 1000 * W)], [], {}),
+    "a unit in a name behind a word": (
+        lines(table(names=[*NAMES[:4], *(f"{axis} [Nmm] raw" for axis in NAMES[4:])], scale=[1, 1, 1, *[1e3] * 3])),
+        [],
+        {"UNITS": "N,N mm"},
+    ),
+    "a sentence about units": (["# torques in Nmm", *IN_NMM], [], {"UNITS": "N,N mm"}),
+    "a unit below the rows": ([*IN_NMM, "Torque Unit;Nmm"], [], {"UNITS": "N,N mm"}),
+    "a column of units": (lines(table(scale=[1, 1, 1, *[1e3] * 3], torque_unit="Nmm")), [], {}),
+    "a reading a row": (lines(table().melt("time", var_name="kind")), [], {}),
     "days of Excel": (lines(table(time=45600 + np.arange(60) / RATE / 86400)), [], {}),
     "more cells than names": ([lines(table())[0], *(f"{line},5,pm" for line in lines(table())[1:])], [], {}),
 }  # fmt: skip
@@ -186,6 +203,16 @@ LONG = {
         "no": number,
         "operator": lambda i, _: ("anna", "bert")[i // 2],
         "powder": material,
+    },
+    "trials counted anew of each material": {
+        "trial": lambda *_: 1,
+        "quality": lambda *_: "ok",
+        "material": material,
+    },
+    "trials counted anew and one clock": {
+        "trial": lambda *_: 1,
+        "material": material,
+        "time": with_pauses,
     },
     "material as a number": {"trial": number, "class_id": lambda _, name: ("rice", "peas").index(name)},
 }
@@ -321,3 +348,49 @@ def test_workbooks_have_the_line_of_pandas(tmp_path, monkeypatch):
         write_lines(tmp_path / name / "1.xlsx", lines(table()))
     data = run(*lines_of(refusal(tmp_path)))
     assert (data.labels, data.rate_hz) == (("peas", "rice"), RATE)
+
+
+def test_recordings_beside_each_other_are_taken_apart(tmp_path):
+    parts = [table(W + i).set_index("time").add_prefix(f"{name}_{i}_") for i, name in enumerate(MATERIALS)]
+    pd.concat(parts, axis=1).to_csv(tmp_path / "all.csv")
+    data = run(lines_of(refusal(tmp_path / "all.csv"))[0])
+    assert data.y.tolist() == MATERIALS
+    np.testing.assert_allclose(data.X, [W + i for i in range(4)], atol=1e-9)
+
+
+LISTS = {
+    "another name": ("labels.csv", "recording,material", "{day}/{i}.csv,{name}"),
+    "names without ending": ("metadata.csv", "name,material,day", "{day}/{i},{name},{day}"),
+}
+
+
+@pytest.mark.parametrize("case", LISTS)
+def test_a_list_of_files_under_another_name_is_used(tmp_path, case):
+    name, head, line = LISTS[case]
+    rows = []
+    for i, material_ in enumerate(MATERIALS):
+        write_lines(tmp_path / f"2025-03-0{1 + i % 2}" / f"{i}.csv", lines(table(W + i)))
+        rows.append(line.format(day=f"2025-03-0{1 + i % 2}", i=i, name=material_))
+    write_lines(tmp_path / name, [head, *rows])
+    data = run(lines_of(refusal(tmp_path))[0])
+    assert {r.name[-5]: r.label for r in data} == dict(zip("0123", MATERIALS, strict=True))
+    assert load(tmp_path).labels == ("peas", "rice")
+
+
+def test_units_in_the_metadata_of_parquet_are_refused(tmp_path):
+    frame = table(W, scale=[1, 1, 1, *[1e3] * 3])
+    frame.attrs = {"torque_unit": "N mm"}
+    frame.to_parquet(tmp_path / "rice.parquet")
+    with pytest.raises(RecordingFileError, match="'torque_unit' states units"):
+        load(tmp_path / "rice.parquet")
+    (way,) = options_of(tmp_path / "rice.parquet")
+    np.testing.assert_allclose(load(tmp_path / "rice.parquet", **way)[0].wrench, W, atol=1e-9)
+
+
+@pytest.mark.parametrize("columns", ["force_unit,torque_unit", "units"])
+def test_units_in_an_index_are_refused(tmp_path, columns):
+    write_lines(tmp_path / "1.csv", lines(table(W, scale=1000)))
+    cells = "mN,mN m" if columns != "units" else '"mN,mN m"'
+    write_lines(tmp_path / "index.csv", [f"file,label,{columns}", f"1.csv,rice,{cells}"])
+    (way,) = options_of(tmp_path)
+    np.testing.assert_allclose(load(tmp_path, **way)[0].wrench, W, atol=1e-9)

@@ -26,6 +26,7 @@ def tree(folder, *paths):
 READ = {
     # depth 0: the name without the number at its end
     "fine_sugar_2.csv fine_sugar_10.csv": ["fine_sugar", "fine_sugar"],
+    "rice_1 (1).csv rice_1.csv rice_2 - Copy.csv rice_2.csv": ["rice"] * 4,
     "brown_rice.csv cat_litter.csv fine_sugar.csv": ["brown_rice", "cat_litter", "fine_sugar"],
     "peas-3.csv rice-1.csv": ["peas", "rice"],
     "peas3.csv rice (2).csv": ["peas", "rice"],
@@ -85,6 +86,26 @@ def test_labels_by_default_are_noted(tmp_path, paths):
     assert session == "session: not known"
 
 
+def test_labels_of_two_parts_are_noted(tmp_path):
+    names = [f"{who}_{what}_{i}.csv" for who in ("anna", "bert") for what in ("rice", "peas") for i in (1, 2)]
+    first, *_ = load(tree(tmp_path, *names)).history[-1].notes
+    assert first.startswith("labels are pairs of anna, bert and peas, rice, each a material")
+
+
+def test_folders_of_days_with_numbered_files_want_an_index(tmp_path):
+    tree(tmp_path, "2025-03-04/001.csv", "2025-03-04/002.csv", "2025-03-05/003.csv")
+    with pytest.raises(RecordingFileError, match="list file and label in an index") as caught:
+        load(tmp_path)
+    assert not caught.value.ways
+
+
+def test_pushes_in_folders_called_like_their_material_are_its(tmp_path):
+    tree(tmp_path, "rice/rice_1/ft.csv", "rice/rice_2/ft.csv", "peas/peas_1/ft.csv")
+    with pytest.raises(RecordingFileError, match="'peas' is the material and 'peas_1' a recording") as caught:
+        load(tmp_path)
+    assert load(tmp_path, **caught.value.ways[0]).y.tolist() == ["peas", "rice", "rice"]
+
+
 def test_labels_of_one_recording_each_are_noted_first(tmp_path):
     tree(tmp_path, "01/rice_1.csv", "02/rice_2.csv", "03/peas_1.csv", "04/peas_2.csv")
     data = load(tmp_path, label="folder")
@@ -104,6 +125,8 @@ DOUBTFUL = {
     "rice/2025-03-04/1.csv rice/2025-03-05/1.csv": ("parent", "folder"),
     "anna/rice/1.csv bert/rice/1.csv": ("folder", "parent"),
     "rice/run_1/1.csv rice/run_2/1.csv": ("parent", "folder"),
+    "rice/fast/1.csv rice/slow/1.csv": ("parent", "folder"),
+    "anna/03-11/rice_1.csv anna/03-11/rice_2.csv bert/03-11/peas_1.csv": ("file", "folder"),
     "lab/2025-03-04/rice/1.csv lab/2025-03-05/rice/1.csv": ("folder", "parent"),
     # one level of what is no material
     "2025-03-04/rice_1.csv 2025-03-05/rice_1.csv": ("file", "folder"),
