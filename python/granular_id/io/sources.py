@@ -145,7 +145,9 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
         found.notes.append(f"not read, as their names are not those of recordings: {listed(beside)}")
         if options.label is None:
             _refuse_index_unread(path, beside, [source.name for source in found.files])
-    labels = labels_of([source.path for source in found.files])
+    paths = [source.path for source in found.files]
+    found.notes += _doubles(paths)
+    labels = labels_of(paths)
     found.files = [replace(one, name_label=label) for one, label in zip(found.files, labels, strict=True)]
     kinds = ", ".join(ending for ending, _ in Counter(found.others).most_common(3))
     if not found.files and not found.problems:
@@ -267,8 +269,7 @@ def label_of(path: Path) -> str | None:
 def labels_of(paths: Sequence[Path]) -> list[str | None]:
     """Return what `label_of` each of some files is, where names together show more: which words count runs."""
     stems = [_stem(path) for path in paths]
-    originals = [(found[1] if (found := _COPY.fullmatch(stem)) else stem) for stem in stems]
-    stems = [one if one in stems else stem for one, stem in zip(originals, stems, strict=True)]
+    stems = [one if (one := _original(stem)) in stems else stem for stem in stems]
     names, before, is_first = stems, list[str](), True
     while is_first or names != before:
         before = names
@@ -277,6 +278,30 @@ def labels_of(paths: Sequence[Path]) -> list[str | None]:
         names = [_NUMBER.sub("", name) for name in names] if is_first and shorter == names else shorter
         is_first = False
     return [_without_front(name) for name in _without_letters(names)]
+
+
+def _original(stem: str) -> str:
+    """Return what a copy is one of."""
+    found = _COPY.fullmatch(stem)
+    return stem if found is None else found[1]
+
+
+def _doubles(paths: Sequence[Path]) -> list[str]:
+    """Note files of a folder that are called like others: copies of these, or the same in another format."""
+    stems = {(path.parent, _stem(path)) for path in paths}
+    first: dict[tuple[Path, str], Path] = {}
+    found = []
+    for path in sorted(paths, key=lambda path: len(path.name)):
+        original = (path.parent, _original(_stem(path)))
+        key = original if original in stems else (path.parent, _stem(path))
+        found += [(path.name, first[key].name)] if key in first else []
+        first.setdefault(key, path)
+    n = counted(len(found), "file")
+    return (
+        [f"{n} may be a recording that is there already ({' as '.join(map(repr, found[0]))})"]
+        if found
+        else []
+    )
 
 
 def _without_letters(names: Sequence[str]) -> list[str]:

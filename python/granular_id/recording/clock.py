@@ -80,7 +80,9 @@ def stamps_of(values: NDArray[Any], unit: str | None, stated: str | None, rate_h
         raise TableError(f"the clock holds {values.dtype}; wanted seconds as numbers, or dates and times")
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
-        raise TableError((f"the stamp is {values[bad[0]]}", *_IGNORED_OUT), int(bad[0]))
+        few = len(bad) <= _MOST_LATE * len(values)  # rows that are no samples, as a mean below them
+        problem = f"the stamp is {values[bad[0]]}" + "; rows without one may be no samples" * few
+        raise TableError((problem, *_IGNORED_OUT), int(bad[0]), mend=NUMERIC_ROWS * few)
     scale = 1.0 if unit is None and stated is None else _per_second(unit, stated, rate_hz)
     if kind in "iu" and scale != 1:
         ticks = values.astype(np.int64)

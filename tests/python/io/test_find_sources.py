@@ -86,6 +86,12 @@ def test_labels_by_default_are_noted(tmp_path, paths):
     assert session == "session: not known"
 
 
+def test_a_recording_that_is_there_twice_is_noted(tmp_path):
+    tree(tmp_path, "rice/1.csv", "rice/1 (1).csv", "rice/2.csv", "rice/2.txt", "peas/1.csv", "peas/2.csv")
+    notes = load(tmp_path).history[-1].notes
+    assert "2 files may be a recording that is there already ('2.txt' as '2.csv')" in notes
+
+
 def test_labels_of_two_parts_are_noted(tmp_path):
     names = [f"{who}_{what}_{i}.csv" for who in ("anna", "bert") for what in ("rice", "peas") for i in (1, 2)]
     first, *_ = load(tree(tmp_path, *names)).history[-1].notes
