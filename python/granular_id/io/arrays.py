@@ -35,6 +35,9 @@ from granular_id.recording import (
 )
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
+_LEAST_PADDED = 0.02
+"""The part of a recording in zeros at its end that is more than a sensor at rest has."""
+
 _COLUMNS = re.compile(
     r"(axis|axes|channels?|columns?|cols?|headers?|fields?)([_ ]?(names?|labels?|order))?", re.IGNORECASE
 )
@@ -127,10 +130,19 @@ class _Reading:
         """Refuse units under another name, of arrays, attributes and fields."""
         if self._options.units is not None or self._source.units is not None:
             return
-        beside = [(one.name, one.leaf) for one in self._leaves]
-        beside += [item for one in self._leaves for item in one.leaf.about.items()]
+        n_axes = len(self._axes)
+        holders = [one for one in self._leaves if one.leaf.is_numbers and n_axes in one.leaf.shape[-2:]]
+        places = [
+            place
+            for one in holders
+            if self._about("units", one) is None
+            for place in (one.leaf.about, *one.chain)
+        ]
         named = [
-            (name, leaf) for name, leaf in beside if UNIT_NAMES.search(name) and name.lower() not in _KNOWN
+            (name, leaf)
+            for place in places
+            for name, leaf in place.items()
+            if UNIT_NAMES.search(name) and name.lower() not in _KNOWN and isinstance(leaf, Leaf)
         ]
         try:
             refuse_units_unread(
@@ -146,13 +158,17 @@ class _Reading:
         width = one.leaf.shape[-1]
         for name, leaf in (item for place in (one.leaf.about, *one.chain) for item in place.items()):
             texts = _texts(leaf) if isinstance(leaf, Leaf) and leaf.is_text else []
-            known = [meaning_of(text or "").what or text for text in texts]
+            texts = [part.strip() for part in (texts[0] or "").split(",")] if len(texts) == 1 else texts
+            meanings = [meaning_of(text or "") for text in texts]
+            known = [one.what or text for one, text in zip(meanings, texts, strict=True)]
+            units = [one.unit or "" for one in meanings]
+            is_scaled = any(one.unit and one.scale != 1.0 for one in meanings)
             are_axes = set(known) == set(AXES) or _COLUMNS.fullmatch(name)
-            if are_axes and len(set(known) - {None}) == len(known) == width and known != list(AXES):
+            is_other = known != list(AXES) or (is_scaled and self._options.units is None)
+            if are_axes and len(set(known) - {None}) == len(known) == width and is_other:
                 problem = f"{name!r:.60} names the columns, which are read from 'axes' only; pass "
-                raise RecordingFileError(
-                    self._source.path, (problem, in_both(axes=",".join(map(str, known))))
-                )
+                way = {"axes": ",".join(map(str, known))} | ({"units": ",".join(units)} if is_scaled else {})
+                raise RecordingFileError(self._source.path, (problem, in_both(**way)))
 
     def _refuse_left_out(self, others: Sequence[Found], found: Sequence[Found]) -> None:
         """Refuse arrays that hold no samples at places that differ by their numbers only from those that do."""
@@ -315,8 +331,10 @@ class _Reading:
         if self._options.array is not None or all(len(one.leaf.shape) == 2 for one in found):
             return
         zeros = [np.asarray(~table.values.any(axis=1)) for table in tables if table.values is not None]
-        n_padded = sum(rows[-1] for rows in zeros)
-        if not any(rows[-2:].all() for rows in zeros) or any(rows[0] for rows in zeros):
+        tails = [int(rows[::-1].cumprod().sum()) for rows in zeros]  # rows of zeros at the end of each
+        n_padded, longest = np.count_nonzero(tails), max(tails)
+        is_padded = len(set(tails)) > 1 and longest > max(1, _LEAST_PADDED * len(zeros[0]))
+        if not is_padded or 2 * sum(rows[0] for rows in zeros) > len(zeros):
             return
         mend = ".pipe(lambda f: f.loc[f.any(axis=1)[::-1].cummax()])"
         insist = in_both(array=found[0].path)
@@ -415,11 +433,11 @@ class _Reading:
             for other in self._leaves
             if other.leaf.values.dtype.kind in "iu"
             and other.leaf.shape == one.leaf.shape[:1] == (len(texts),)
+            if other.leaf is not leaf and len(np.unique(other.leaf.read())) < len(texts) / 2
         ]
         if what == "y" and n == 1 and ids and self._offers:
             problem = f"y has a value for each sample of {one.path}, which holds recordings in rows"
-            counted = next((other for other in ids if other.leaf is not leaf), ids[0])
-            raise RecordingFileError(self._source.path, [problem, *self.remedy.apart([one], counted)])
+            raise RecordingFileError(self._source.path, [problem, *self.remedy.apart([one], ids[0])])
         if len(texts) != n:
             problem = (
                 f"{rule or what} has {len(texts)} values, and {one.path} {one.leaf.shape} {n} recordings"

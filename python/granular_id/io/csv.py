@@ -31,6 +31,7 @@ from granular_id.recording import (
     AXES,
     LABEL,
     RECORDING,
+    SCALED_UNITS,
     SESSION,
     Table,
     TableError,
@@ -63,13 +64,8 @@ _UNITS_ABOVE = re.compile(
     rf'(?:{_KINDS}[\s-]*(?:units?|einheit)\W+|\beinheit\s+{_KINDS}\s*"?[:;=,\t]\W*)(\w[^;,"\t]*)',
     re.IGNORECASE,
 )
+_KIND_WORDS = re.compile(r"force|torque|kraft|moment|units?\b|einheit|\[|\b[FMT][xyz]\b", re.IGNORECASE)
 _SOME_UNITS = re.compile(r"\W*(?:units?|einheit(?:en)?)\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
-_SCALED = re.compile(
-    r"N[\s_*.\N{MIDDLE DOT}-]?[mc]m|\b[mk]N\b|mN[\s_*.\N{MIDDLE DOT}-]?m|"
-    r"\b(in|ft)?[\s_.-]?(lbs?|lbf|ozf?|kgf)[\s_.-]?(in|ft)?\b"
-)
-"""Units in a text that are other than N and N m."""
-
 _NUMERIC = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
 _COMMENTS = ("#", "%", "!", "/")
 UNNAMED = re.compile(r"Unnamed: (\d+)")
@@ -149,7 +145,8 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         return {} if row is None else {"line": line_of(sample_rows[row])}
 
     for row, (text, has_figures) in no_samples.items():
-        if options.units is None and not units and _SCALED.search(text):
+        is_silent = any(meaning_of(name).unit is None for name in columns if meaning_of(name).what in AXES)
+        if options.units is None and not units and is_silent and _states_units(text):
             raise RecordingFileError(
                 source.path,
                 (f"{text[:60]!r} states units; pass ", in_both(units=UNITS), ", those of the axes"),
@@ -435,7 +432,7 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
     for i, before in enumerate(head.lines[: head.line - 1], 1):
         some = _SOME_UNITS.fullmatch(before.strip())
         states = some is not None and any(map(is_unit, re.findall(r"[^\s,;/\"':=]+", some[1])))
-        if silent and (states or _SCALED.search(before)):
+        if silent and (states or _states_units(before)):
             problem = f"states units for all axes together ({before.strip()[:60]!r})"
             raise RecordingFileError(
                 head.path, (f"{problem}; pass ", in_both(units=UNITS), ", these"), line=i
@@ -450,6 +447,12 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
         way_out = in_both(csv={"skiprows": [head.below]}, units=UNITS)
         raise RecordingFileError(head.path, (problem, way_out), line=head.below + 1)
     return units, []
+
+
+def _states_units(text: str) -> bool:
+    """Whether a line says that forces or torques are in other units than N and N m: not that a bag weighs 2 lb."""
+    plain = re.sub(r"\d[\d.,]*\s*[^\W\d_]+", "", text)
+    return bool(_KIND_WORDS.search(plain) and SCALED_UNITS.search(plain))
 
 
 def _other_names(pandas: Any, head: _Head, error: TableError, source: FileSource) -> RecordingFileError:
@@ -506,7 +509,7 @@ def _renamed(head: _Head, error: TableError) -> list[str]:
     ]
     if any(meaning_of(name).scale is None for name in named):
         return []
-    is_scaled = any(one.what is one.unit is None and _SCALED.search(one.base) for one in meanings)
+    is_scaled = any(one.what is one.unit is None and SCALED_UNITS.search(one.base) for one in meanings)
     way = {"csv": {"header": 0, "names": named}} | ({"units": UNITS} if is_scaled else {})
     return ["; if its columns are these, pass ", in_both(**way)]
 

@@ -63,14 +63,16 @@ def read_index(
             problem = f"no column 'file'; wanted {wanted}: call the one with the paths of the files so"
             raise RecordingFileError(path, problem, line=line)
         columns[of_files[0]] = "file"
+    called: dict[str, str] = {}
     for what in (LABEL, SESSION):  # material, class: as in tables
         alike = [i for i, column in enumerate(columns) if meaning_of(column).what == what]
         if what not in columns and len(alike) == 1:
+            called[columns[alike[0]]] = what
             columns[alike[0]] = what
     lines: dict[Path, int] = {}
     found: list[FileSource] = []
     for line, cells in rows:
-        source = attempt(problems, _indexed, root, columns, cells, line, stated)
+        source = attempt(problems, _indexed, root, columns, called, cells, line, stated)
         if source is None:
             continue
         if source.path in lines:
@@ -88,11 +90,13 @@ def read_index(
 
 
 def column_of_files(path: Path, names: Collection[str]) -> tuple[str, str] | None:
-    """Return the column of a table that lists files of its folder as an index does, and the ending left out there."""
+    """Return the column of a table that lists files of its folder with labels or sessions, and the ending left out."""
     if path.suffix.lower() != ".csv":
         return None
     with suppress(RecordingFileError, ValueError):
         (_, columns), (_, cells) = islice(_rows(path), 2)
+        if not {meaning_of(column).what for column in columns} & {LABEL, SESSION}:
+            return None  # results, as a mean of each
         for column, cell in zip(columns, cells, strict=True):
             ending = next((name.removeprefix(cell) for name in names if cell and name.startswith(cell)), None)
             if ending is not None and "/" not in ending and (not ending or ending[0] == "."):
@@ -136,7 +140,12 @@ def _rows(path: Path) -> Any:
 
 
 def _indexed(
-    root: Path, columns: Sequence[str], cells: Sequence[str], line: int, stated: Mapping[str, Any]
+    root: Path,
+    columns: Sequence[str],
+    called: Mapping[str, str],
+    cells: Sequence[str],
+    line: int,
+    stated: Mapping[str, Any],
 ) -> FileSource:
     path = root / INDEX_NAME
     if len(cells) != len(columns):
@@ -153,7 +162,7 @@ def _indexed(
     named: dict[str, Any] = {}
     for what in (LABEL, SESSION):  # an option may name a column of the index
         name = (stated.get(f"{what}_from") or "").partition(":")[2] or dict(stated["columns"]).get(what, "")
-        name = name.lower() if name.lower() in columns else str(meaning_of(name).what)
+        name = called.get(name.lower(), name.lower())
         if name in columns:
             named |= {what: texts[name] or None, f"{what}_from": None}
     named["columns"] = tuple(one for one in stated["columns"] if one[0] not in named)

@@ -147,7 +147,7 @@ class FileSource(Stated):
     @property
     def place_rule(self) -> str:
         """The value of `label` that means its place."""
-        return "folder" if "folder" in self.label_place else "file"
+        return "folder" if self.label_place == "folder" else "file"
 
 
 @dataclass

@@ -43,7 +43,7 @@ OTHER_FILES = (
 """What to do about files of no known format."""
 
 _NO_RECORDING = re.compile(
-    r"(mean|average|avg|std|median|summary|readme|license|metadata|labels|materials|overview)([\W_].*|$)"
+    r"(mean|average|avg|std|median|summary|readme|license|metadata)([\W_].*|$)|(labels|materials|overview)\.\w+"
     r"|(.*[\W_])?(mean|average|avg|median|mittelwert)[\W_]*\d*\.\w+",
     re.IGNORECASE,
 )
@@ -149,6 +149,7 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
     found.notes += _doubles(paths)
     labels = labels_of(paths)
     found.files = [replace(one, name_label=label) for one, label in zip(found.files, labels, strict=True)]
+    _name_by_folders(found)
     kinds = ", ".join(ending for ending, _ in Counter(found.others).most_common(3))
     if not found.files and not found.problems:
         problem = f"holds no recordings; wanted {LAYOUTS} (or files of another format)"
@@ -170,7 +171,8 @@ def _refuse_index_unread(root: Path, beside: Sequence[str], names: Sequence[str]
     """Refuse a folder in which a table lists files, and is not called index.csv."""
     for name in beside:
         if (column := column_of_files(root / name, names)) is not None:
-            read = f"table = pandas.read_csv({str(root / name)!r}, dtype=str).rename(columns={{{column[0]!r}: 'file'}})"
+            renamed = f".rename(columns={{{column[0]!r}: 'file'}})" * (column[0] != "file")
+            read = f"table = pandas.read_csv({str(root / name)!r}, dtype=str, sep=None, engine='python'){renamed}"
             ends = [f"table['file'] += {column[1]!r}"] * bool(column[1])
             write = f"table.to_csv({str(root / INDEX_NAME)!r}, index=False)"
             line = in_python(read, *ends, write, f"load({str(root)!r})")
@@ -384,16 +386,16 @@ def _indexed(root: Path, options: LoadOptions, walked: Sources) -> Sources:
 def _label_by_place(root: Path, found: Sources) -> None:
     """Say what folder or name a label is taken from by default, or why that may mean two things."""
     depths = {source.name.count("/") for source in found.files}
-    doubt = _no_materials(found) if depths == {1} else None
-    of_folders = _labels_of_folders(found.files) if depths == {1} and doubt is None else None
-    if depths == {0} or of_folders:
-        found.layout, place = (
-            ("label_1/*", "name of the folder") if of_folders else ("label_*", "name of the file")
-        )
-        labels = of_folders or [source.name_label for source in found.files]
-        for i, (source, label) in enumerate(zip(found.files, labels, strict=True)):
+    place = found.files[0].label_place if found.files else ""
+    if depths == {0} or place:
+        found.layout = "label_1/*" if place else "label_*"
+        n_labels = len({source.name_label for source in found.files})
+        for i, source in enumerate(found.files):
             found.files[i] = replace(
-                source, name_label=label, label_else=label, label_place=place, n_labels=len(set(labels))
+                source,
+                label_else=source.name_label,
+                label_place=place or "name of the file",
+                n_labels=n_labels,
             )
         unnamed = [source.name for source in found.files if source.label_else is None]
         if unnamed:
@@ -415,10 +417,11 @@ def _label_by_place(root: Path, found: Sources) -> None:
         problem = f"recordings lie at several levels of folders ({both}); wanted one layout: {LAYOUTS}"
         of_names = ["; if the names of files hold the label pass ", in_both(label="file")]
         of_first = ["; where the first folder is the material", index_line(root, firsts[0].path.suffix)]
-        is_named = all(source.name_label for source in found.files)
+        names = {source.name_label for source in found.files}
+        is_named = None not in names and len(names) > 1
         ways = of_names * is_named + of_first * bool(min(depths))
         raise RecordingFileError(root, [problem, *ways])
-    doubt = _two_levels(found.files) if depths != {1} and found.files else doubt
+    doubt = _no_materials(found) if depths == {1} else _two_levels(found.files) if found.files else None
     n_labels = len({source.path.parent for source in found.files})
     for i, source in enumerate(found.files):
         label = None if doubt else source.path.parent.name
@@ -427,13 +430,21 @@ def _label_by_place(root: Path, found: Sources) -> None:
         )
 
 
-def _labels_of_folders(files: Sequence[FileSource]) -> list[str | None] | None:
-    """Return the names of folders without their numbers, where each holds one file of the same name."""
-    folders = [source.path.parent for source in files]
-    if len(set(folders)) < len(files) or len({source.path.name for source in files}) > 1:
-        return None
+def _name_by_folders(found: Sources) -> None:
+    """Name files by their folders, without numbers, where each folder holds one file of the same name: a push."""
+    folders = [source.path.parent for source in found.files]
+    is_one_each = len(set(folders)) == len(folders) and len({source.path.name for source in found.files}) == 1
+    if not is_one_each or {source.name.count("/") for source in found.files} != {1} or _no_materials(found):
+        return
     labels = labels_of(folders)
-    return labels if None not in labels and len(set(labels)) < len(files) else None
+    least: dict[str | None, int] = {}
+    for label, folder in zip(labels, folders, strict=True):
+        count = int((re.findall(r"\d+", folder.name) or ["0"])[-1])
+        least[label] = min(count, least.get(label, count))
+    if None in labels or not 1 < len(least) < len(labels) or max(least.values()) > 1:
+        return  # sand_40, sand_80 are materials
+    for i, (source, label) in enumerate(zip(found.files, labels, strict=True)):
+        found.files[i] = replace(source, name_label=label, label_place="name of the folder")
 
 
 def _two_levels(files: Sequence[FileSource]) -> tuple[str, ...]:
@@ -450,15 +461,19 @@ def _two_levels(files: Sequence[FileSource]) -> tuple[str, ...]:
     folders = [source.path.parent for source in files]
     is_counted = [all(_ORDERED.fullmatch(one.name) for one in folders)]
     is_counted.append(all(_ORDERED.fullmatch(one.parent.name) for one in folders))
-    if all(one.name.lower().startswith(one.parent.name.lower()) for one in folders):  # rice/rice_1/ft.csv
+    is_one_each = len(set(folders)) == len(folders)
+    if is_one_each and all(
+        _NUMBER.sub("", one.name) == one.parent.name != one.name for one in folders
+    ):  # rice/rice_1/
         readings = [
             (f"{outer!r} is the material and {inner!r} a recording", {"label": "parent"}),
             readings[0],
         ]
     elif is_counted == [True, False] or all(one.name.lower() in _NO_LABEL for one in folders):
         readings.reverse()
-    labels = {source.name_label for source in files}
-    if None not in labels and 1 < len(labels) < len(files):  # anna/03-11/rice_1.csv
+    labels = {(source.name_label or "").lower() for source in files}
+    others = _NO_LABEL | {name.lower() for source in files for name in Path(source.name).parts[:-1]}
+    if 1 < len(labels) < len(files) and not labels & others:  # anna/03-11/rice_1.csv
         of_names = (
             f"{first.name_label!r} is the material and {inner!r} the session",
             {"label": "file", "session": "folder"},

@@ -103,7 +103,9 @@ def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> li
     """
     label = source.label or source.label_else
     named = {"time": "time", "recording": "id", "label": "label", "session": "session"}
-    if ".assign(recording=" in mend:  # which tells them apart, as the column that was named does not
+    if (
+        ".assign(recording=" in mend or ".assign(**{'recording':" in mend
+    ):  # which tells them apart, as the column that was named does not
         del named["recording"]
     given = {"rate_hz": source.rate_hz, "time_unit": source.time_unit}
     given |= {named[what]: name for what, name in source.columns if name is not None and what in named}
@@ -136,10 +138,11 @@ def reshaped(columns: Mapping[str, Any]) -> str:
 
     Empty where a table is neither: ``kind, value`` with a name of an axis in each row, or ``rice_1_fx ... oats_2_tz``.
     """
+    numbers = [name for name, cells in columns.items() if cells.dtype.kind in "iuf" and not is_clock([name])]
     for name, cells in columns.items():
-        if all(meaning_of(str(cell)).what in AXES for cell in cells):
-            index = [one for one in columns if one not in (name, list(columns)[-1])]
-            return f".pivot(index={index}, columns={name!r}, values={list(columns)[-1]!r}).reset_index()"
+        if len(cells) and all(meaning_of(str(cell)).what in AXES for cell in cells) and numbers:
+            index = [one for one in columns if one not in (name, numbers[-1])]
+            return f".pivot(index={index}, columns={name!r}, values={numbers[-1]!r}).reset_index()"
     split = [re.fullmatch(r"(.+?)([\W_]+)([FfTt][XYZxyz])", name) for name in columns]
     found = [one.groups() for one in split if one is not None]
     names, axes = list(dict.fromkeys(one[0] for one in found)), list(dict.fromkeys(one[2] for one in found))

@@ -14,6 +14,7 @@ from granular_id.recording.columns import (
     LABEL as LABEL,
     LABEL_NAMES as LABEL_NAMES,
     RECORDING as RECORDING,
+    SCALED_UNITS as SCALED_UNITS,
     SESSION as SESSION,
     SESSION_NAMES as SESSION_NAMES,
     TIME as TIME,

@@ -234,7 +234,8 @@ def uniform_rate(time_s: FloatArray, resolution_s: float = 0.0) -> float | None:
             power = 10.0 ** (math.floor(math.log10(rate)) - 1)
             for step in (power, 1.25 * power):
                 near = float(f"{round(rate / step) * step:.6g}")
-                if abs(rate / near - 1) <= ROUND_TOLERANCE:
+                is_round = step == power or near / power in (12.5, 37.5, 62.5, 87.5)
+                if is_round and abs(rate / near - 1) <= ROUND_TOLERANCE:
                     return near
             return rate
     return None

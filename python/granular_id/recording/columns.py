@@ -155,6 +155,12 @@ TIMES = (
 )
 """Names of a clock without case and separators; of several that are there, the first one is it."""
 
+SCALED_UNITS = re.compile(
+    r"N[\s_*.\N{MIDDLE DOT}-]?[mc]m|\b[mk]N\b|mN[\s_*.\N{MIDDLE DOT}-]?m|"
+    r"\b(in|ft)?[\s_.-]?(lbs?|lbf|ozf?|kgf)[\s_.-]?(in|ft)?\b"
+)
+"""Units in a text that are other than N and N m."""
+
 UNIT_NAMES = re.compile(r"(^|[\W_a-z])[Uu](nit|NIT)[sS]?($|[\W_])")
 """What states units is called so."""
 
@@ -419,7 +425,7 @@ NUMERIC_ROWS = ".pipe(lambda f: f[pandas.to_numeric(f[{clock!r}], errors='coerce
 """The method of a data frame that leaves out rows whose stamp is no number."""
 
 
-ANEW = ".assign({name}=lambda f: ({stamps}.diff() < 0).cumsum())"
+ANEW = ".assign(**{{{name!r}: lambda f: ({stamps}.diff() < 0).cumsum()}})"
 """The method that begins a recording where stamps run back."""
 
 

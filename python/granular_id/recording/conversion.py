@@ -128,13 +128,21 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
     firsts, codes = found[1], found[2].ravel()
     n_stretches = np.count_nonzero(np.diff(codes)) + 1
     if n_stretches > len(firsts) and (TIME not in picked.columns or len(codes) > _MANY * n_stretches):
-        problem = "has the same value again behind other recordings, which are as many as there are stretches"
-        names = [picked.called[what] for what in (RECORDING, LABEL, SESSION) if what in picked.columns]
+        own = picked.called[RECORDING]
+        problem = (
+            f"has the same value again behind others: {len(firsts)} recordings in {n_stretches} stretches of rows; "
+            "where each stretch is a recording"
+        )
+        names = list(
+            dict.fromkeys(
+                picked.called[what] for what in (RECORDING, LABEL, SESSION) if what in picked.columns
+            )
+        )
         anew = f"(f[{names}] != f[{names}].shift()).any(axis=1)"
         if TIME in picked.columns and picked.columns[TIME].dtype.kind in "iuf":
             anew = f"({anew} | (f[{picked.called[TIME]!r}].diff() < 0))"
-        mend = f".assign(**{{{names[0]!r}: lambda f: {anew}.cumsum()}})"
-        raise TableError(problem, column=picked.called[RECORDING], mend=mend)
+        mend = f".assign(**{{{_id_anew(own)!r}: lambda f: {anew}.cumsum()}})"
+        raise TableError(problem, column=own, mend=mend)
     numbered = all(text.isdecimal() for text in dict.fromkeys(texts[0].tolist()))
     names = [f"{name}[{texts[0][first]}]" if numbered else str(texts[0][first]) for first in firsts]
     if len(set(names)) < len(names):  # trials are counted anew for each label or session
@@ -144,6 +152,11 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
         ]
     rows = np.split(np.argsort(codes, kind="stable"), np.cumsum(np.bincount(codes))[:-1])
     return [(rows[i], names[i]) for i in np.argsort(firsts, kind="stable").tolist()]
+
+
+def _id_anew(name: str) -> str:
+    """Return the column that ids made anew go into: the one that is found by its name, or another."""
+    return name if meaning_of(name).what == RECORDING else "recording"
 
 
 def _label_columns(
@@ -383,7 +396,7 @@ class _Part:
         ]
         if not ids or RECORDING in self._columns:
             return (), ANEW.format(
-                name=self._picked.called.get(RECORDING, "recording"),
+                name=_id_anew(self._picked.called.get(RECORDING, "")),
                 stamps=f"f[{self._picked.called[TIME]!r}]",
             )
         return ("; pass ", in_both(id=ids[0])), ""

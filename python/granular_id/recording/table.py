@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,6 +17,7 @@ from granular_id.recording.columns import (
     LABEL,
     NANOSECONDS,
     RECORDING,
+    SCALED_UNITS,
     SESSION,
     TAKEN,
     TIME,
@@ -108,7 +110,7 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
     axes = named_axes or AXES
     if RECORDING in called and RECORDING not in dict(named) and _numbers_rows(cells[called[RECORDING]]):
         del called[RECORDING]
-    if stated.units is None and not table.units and set(axes) & set(AXES):
+    if stated.units is None and not table.units and not all(meaning_of(called[axis]).unit for axis in axes):
         one_each = [name for name in cells if UNIT_NAMES.search(name) and len(set(cells[name].tolist())) == 1]
         of_columns = {name: cell_text(cells[name][0]) for name in one_each}
         refuse_units_unread({**table.meta, **stated.meta, **of_columns})
@@ -141,18 +143,31 @@ def refuse_units_unread(beside: Mapping[str, Any]) -> None:
     """Refuse units of forces or torques that stand where none are read, but for N and N m."""
     found: dict[str, list[str]] = {}
     for name, text in beside.items():
-        units = [part.strip() for part in text.split(",")] if isinstance(text, str) else []
-        if UNIT_NAMES.search(name) and units and all(factor(one, "N") or factor(one, "N m") for one in units):
+        if not UNIT_NAMES.search(name) or not isinstance(text, str):
+            continue
+        units = [part.strip() for part in re.split("[,;/|]", text)]
+        if all(factor(one, "N") or factor(one, "N m") for one in units):
             found[name] = units
-    if all(1.0 in (factor(unit, "N"), factor(unit, "N m")) for units in found.values() for unit in units):
+        elif SCALED_UNITS.search(text):
+            found[name] = [text.strip()]
+    scaled = [
+        name
+        for name, units in found.items()
+        if not any(1.0 in (factor(one, "N"), factor(one, "N m")) for one in units)
+        or len({factor(one, "N") or factor(one, "N m") for one in units}) > 1
+    ]
+    if not scaled:
         return
-    of_kind = {name[0].lower(): units for name, units in found.items() if name[:1].lower() in ("f", "t")}
-    pair = [of_kind.get("f", ["N"])[0], of_kind.get("t", ["N m"])[0]] if of_kind else []
+    kinds = [_KIND_OF_UNITS.match(name) for name in found]
+    of_kind = {kind[0][0].lower(): found[name] for name, kind in zip(found, kinds, strict=True) if kind}
+    pair = [of_kind.get("f", ["N"])[0], of_kind.get("t", of_kind.get("m", ["N m"]))[0]] if of_kind else []
     every = next((units for units in found.values() if len(units) > 1), pair)
-    name, units = next(iter(found.items()))
-    problem = f"{name!r:.60} states units ({','.join(units)!r:.40}), which are not read there; pass "
+    problem = f"{scaled[0]!r:.60} states units ({','.join(found[scaled[0]])!r:.40}), which are not read there; pass "
     way_out = in_both(units=",".join(every) or UNITS)
     raise TableError((problem, way_out, *[", those of the axes"] * (not every)))
+
+
+_KIND_OF_UNITS = re.compile(r"(forces?|f|torques?|t|moments?)[\W_]*units?\b", re.IGNORECASE)
 
 
 def _notes_on(cells: Mapping[str, NDArray[Any]], called: Mapping[str, str], table: Table) -> list[str]:

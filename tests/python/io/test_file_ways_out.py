@@ -120,6 +120,7 @@ CASES = {
     "a sentence about units": (["# torques in Nmm", *IN_NMM], [], {"UNITS": "N,N mm"}),
     "a unit below the rows": ([*IN_NMM, "Torque Unit;Nmm"], [], {"UNITS": "N,N mm"}),
     "a column of units": (lines(table(scale=[1, 1, 1, *[1e3] * 3], torque_unit="Nmm")), [], {}),
+    "a weight above": (["# tool weight: 2 lb", *lines(table())], [], {}),
     "a mean below": ([*lines(table()), ",,,,,,", ",1,2,3,4,5,6"], [], {}),
     "a reading a row": (lines(table().melt("time", var_name="kind")), [], {}),
     "days of Excel": (lines(table(time=45600 + np.arange(60) / RATE / 86400)), [], {}),
@@ -210,6 +211,7 @@ LONG = {
         "quality": lambda *_: "ok",
         "material": material,
     },
+    "ids of two words counted anew": {"Recording ID": lambda *_: 1, "material": material},
     "trials counted anew and one clock": {
         "trial": lambda *_: 1,
         "material": material,

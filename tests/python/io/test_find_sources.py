@@ -69,6 +69,7 @@ READ = {
     "rice_1/ft.csv rice_2/ft.csv sugar_1/ft.csv": ["rice", "rice", "sugar"],
     "rice_1/1.csv rice_2/1.csv rice_2/2.csv": ["rice_1", "rice_2", "rice_2"],
     "rice_1/a.csv rice_2/b.csv": ["rice_1", "rice_2"],
+    "rice_1/ft.csv rice_2/ft.csv sand_40/ft.csv sand_80/ft.csv": ["rice_1", "rice_2", "sand_40", "sand_80"],
 }
 
 
@@ -90,6 +91,12 @@ def test_a_recording_that_is_there_twice_is_noted(tmp_path):
     tree(tmp_path, "rice/1.csv", "rice/1 (1).csv", "rice/2.csv", "rice/2.txt", "peas/1.csv", "peas/2.csv")
     notes = load(tmp_path).history[-1].notes
     assert "2 files may be a recording that is there already ('2.txt' as '2.csv')" in notes
+
+
+def test_results_beside_recordings_are_no_index(tmp_path):
+    tree(tmp_path, "rice_1.csv", "rice_2.csv", "peas_1.csv")
+    write(tmp_path / "summary.csv", "file,mean_fx", ["rice_1.csv,2"])
+    assert load(tmp_path).labels == ("peas", "rice")
 
 
 def test_labels_of_two_parts_are_noted(tmp_path):

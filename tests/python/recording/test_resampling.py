@@ -185,7 +185,7 @@ def test_few_samples_are_resampled_too(n, is_uniform):
     assert out.trigger_index == 0
 
 
-ROUND = st.sampled_from([62.5, 99.7, 100, 333.3, 500, 1000, 1 / 3, 7000])
+ROUND = st.sampled_from([62.5, 99.7, 100, 333.3, 500, 512, 1000, 1 / 3, 7000])
 
 
 @given(rate=ROUND, n=st.integers(2, 5000), start=st.sampled_from([0.0, 12.5, 1.58e9]))

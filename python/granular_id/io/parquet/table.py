@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -16,7 +17,7 @@ from granular_id.io.parquet.archive import Archive
 from granular_id.io.parquet.layout import MARK, labels_of, open_parquet
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.ways_out import frames_line
-from granular_id.recording import Table, TableError, refuse_units_unread
+from granular_id.recording import Table, TableError, meaning_of, refuse_units_unread
 
 _INDEX = "__index_level_0__"
 """As pandas calls an index without a name."""
@@ -40,12 +41,16 @@ def read_parquet(source: FileSource, _: LoadOptions) -> FileContent:
     columns = {name: _values(table.column(i)) for i, name in enumerate(table.column_names)}
     if _INDEX in columns and columns[_INDEX].dtype.kind in "mM":
         columns["time" if "time" not in columns else _INDEX] = columns.pop(_INDEX)
-    if source.units is None and not units:
-        about = {
-            key.decode(): text.decode("utf-8", "replace") for key, text in (schema.metadata or {}).items()
+    if source.units is None and not units and not any(meaning_of(name).unit for name in columns):
+        about: dict[str, Any] = {
+            key.decode("utf-8", "replace"): text.decode("utf-8", "replace")
+            for key, text in (schema.metadata or {}).items()
         }
+        with suppress(json.JSONDecodeError):
+            attributes = json.loads(about.get("PANDAS_ATTRS", "{}"))
+            about |= attributes if isinstance(attributes, dict) else {}
         try:
-            refuse_units_unread(about | json.loads(about.get("PANDAS_ATTRS", "{}")))
+            refuse_units_unread(about)
         except TableError as error:
             raise RecordingFileError(source.path, error.parts) from error
     read = Table(name=source.name, columns=columns, units=units)
