@@ -4,7 +4,7 @@ How sure is an answer?
 
 A model that is trained on recordings of several sessions holds some of them out, and learns from
 those when it may be sure. A decision then names *candidates*, a set of materials that holds the
-right one as often as asked for, and says when a push is like *none* of the materials that the model
+right one as often as requested, and says when a push is like *none* of the materials that the model
 knows.
 
 The recordings are SYNTHETIC, and short (1.2 s), so that some answers are doubtful.
@@ -62,7 +62,7 @@ for row, column in np.argwhere(shares > 0):
 # ------------------------
 #
 # ``confidence_study`` asks three questions, with recordings of held-out sessions. Do probabilities
-# mean what they say? Do sets of materials hold the right one as often as asked for? Are materials
+# mean what they say? Do sets of materials hold the right one as often as requested? Are materials
 # refused that were left out of the training? Each session is judged by what the others say.
 
 found = confidence_study(data, "multiband", levels=[0.5, 0.8, 0.9])

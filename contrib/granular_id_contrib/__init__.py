@@ -1,4 +1,4 @@
-"""Sensors and robots of several makers, each through its own library, loaded only when asked for.
+"""Sensors and robots of several makers, each through its own library, loaded only when requested.
 
 None of them has been run on hardware: `NOT_RUN` stands in each source's ``info.meta["status"]`` and goes into every
 recording, until somebody has and says so.

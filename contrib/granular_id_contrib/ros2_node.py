@@ -62,7 +62,7 @@ class ArmedTrigger(ForceTrigger):
         return None
 
     def refuse(self, _row: Rows, /) -> str | None:
-        """Refuse nothing: whoever armed has said that the next motion is the push."""
+        """Refuse nothing: whoever armed has stated that the next motion is the push."""
         return None
 
     def index(self, rows: Rows) -> int | None:

@@ -21,7 +21,7 @@ _PACKAGE = "ur-rtde"
 _HOW = f"pip install {_PACKAGE}"
 
 _PER_SAMPLE = 8
-"""How often the controller is asked per sample: it only knows its newest one, and none may pass unseen."""
+"""How often the controller is polled per sample: it only knows its newest one, and none may pass unseen."""
 
 _RAMP_M_S2, _BRAKE_M_S2 = 1.2, 10.0
 """ur-rtde's own defaults."""

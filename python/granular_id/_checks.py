@@ -184,7 +184,7 @@ def checked_text(value: object, name: str, *, empty: bool = False, spaced: bool 
     text = str(value)
     if not text and not empty:
         raise argument_error(GranularIdError, name, "is empty; give a text or leave it out (None)")
-    if not text.isprintable():  # asked of all texts; which character it is, of those few that are not
+    if not text.isprintable():  # checked for all texts; which character it is, of those few that are not
         bad = next((c for c in text if unicodedata.category(c) in _CONTROLS or c in OVERRIDES), None)
         if bad is not None:
             raise argument_error(GranularIdError, name, f"{text[:40]!r} holds the control character {bad!r}")

@@ -197,6 +197,6 @@ def _draft_of(target: Path) -> Path:
 
 
 def cannot_write(target: Path, error: OSError) -> OSError:
-    """Return the error about what could not be written, by the name that was asked for."""
+    """Return the error about what could not be written, by the name that was requested."""
     cause = error.__cause__ if isinstance(error.__cause__, OSError) else error  # about a file within a folder
     return type(error)(f"cannot write {target}: {cause.strerror or cause}")

@@ -46,7 +46,7 @@ _MAX_STEPS = 10_000_000
 
 
 class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
-    """Error-correcting output codes: K classes are told apart by L learners of two sides each.
+    """Error-correcting output codes: K classes are separated by L learners of two sides each.
 
     The learners are linear support vector machines, by default one for each pair of classes. Where features outnumber
     rows, the Gram matrix of the rows is computed once and sliced for each learner.
@@ -285,7 +285,7 @@ def _own_coding(coding: npt.ArrayLike, n_classes: int) -> CodingMatrix:
     # A column and its negative make the same learner: compare them with their first sign +.
     leading = matrix[(matrix != 0).argmax(axis=0), np.arange(matrix.shape[1])]
     for what, lines, why in (
-        ("row", matrix, "these classes are never told apart"),
+        ("row", matrix, "these classes are never separated"),
         ("column", (matrix * leading).T, "the same learner twice, but for the sign"),
     ):
         _, first = np.unique(lines, axis=0, return_index=True)

@@ -1,6 +1,6 @@
 """Held-out recordings, scored by models that did not train on them: the one loop of this package.
 
-A model with more features than recordings is sure of every recording that it trained on. Whatever is said of a model,
+A model with more features than recordings is sure of every recording that it trained on. Whatever is stated of a model,
 its accuracy, its confidence, its rules, is read from `Held`.
 """
 

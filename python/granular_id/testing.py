@@ -40,7 +40,7 @@ _RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts",
 _TICK_HZ = 7000.0  # samples per second within the sensor
 _PER_DATAGRAM = 40  # records, when a client asks for buffered mode
 _PROTECTED = 3  # datagrams at both ends of a stream: what is lost at its end, nobody can count
-_FIRST_FT = 1_000_000  # a box is never asked in its first moment
+_FIRST_FT = 1_000_000  # a box is never queried in its first moment
 _AFTER_S = 0.5  # clients get so long to say that they are done
 
 _FACTORY = {
@@ -216,7 +216,7 @@ class FakeNetft:
             if select.select([self._socket], [], [], wait_s)[0]:
                 self._hear()
             self._send_due()
-        self._hear()  # what was asked for before the end is noted
+        self._hear()  # what was requested before the end is noted
 
     def _send_due(self) -> None:
         while self._next is not None and self._client is not None and self._next[0] <= time.monotonic():

@@ -42,7 +42,7 @@ pub struct gid_model_info {
     pub synthetic: bool,
 }
 
-/// A model with what is asked for over and over.
+/// A model with what is requested over and over.
 pub(crate) struct Loaded {
     pub(crate) model: Arc<Model>,
     /// What losses are divided by for probabilities; `None` where none were held out.

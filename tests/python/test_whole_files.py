@@ -1,4 +1,4 @@
-"""Files that are written: whole or absent, refused early, named by what was asked for."""
+"""Files that are written: whole or absent, refused early, named by what was requested."""
 
 import stat
 from pathlib import Path

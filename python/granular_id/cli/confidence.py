@@ -28,7 +28,7 @@ def confidence(
 ) -> None:
     """Say how far the confidence of a model of these recordings can be trusted, in sessions that did not train.
 
-    Three questions. Do probabilities mean what they say? Do candidates hold the right material as often as asked for,
+    Three questions. Do probabilities mean what they say? Do candidates hold the right material as often as requested,
     in the mean over held-out sessions and in the worst? Is a material refused that the model has never met: each one is
     left out in turn.
 

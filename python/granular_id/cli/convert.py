@@ -105,7 +105,7 @@ def convert(
     """Read recordings of any format, bring them into shape, and write what all commands take.
 
     Nothing is resampled, cropped or left out unless an option asks for it. Samples, stamps, labels, sessions and
-    history are kept to the last bit, and what was written is read back and compared.
+    history stay the same to the last bit, and what was written is read back and compared.
 
     Examples:
 

@@ -1,4 +1,4 @@
-"""``granular-id evaluate``: how well materials are told apart, in which space."""
+"""``granular-id evaluate``: how well materials are distinguished, in which space."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def evaluate(
     details: opt.Details = False,
     quiet: opt.Quiet = False,
 ) -> None:
-    """Measure how well the materials in a set of recordings are told apart.
+    """Measure how well the materials in a set of recordings are distinguished.
 
     PATH is what `granular-id data convert` wrote, or a folder of files: one sub-folder per material
     (`rice/01.csv`), files named after it (`rice_01.csv`), or an `index.csv`. Forces are in N, torques in N m.

@@ -28,7 +28,7 @@ def explain(
     force: opt.Force = False,
     details: opt.Details = False,
 ) -> None:
-    """Add up what blocks, bands, axes and times contribute to telling two materials apart.
+    """Add up what blocks, bands, axes and times contribute to distinguishing two materials.
 
     The materials are named as in the recordings; oat_flakes names "oat flakes". The method is trained on one fold of
     `granular-id evaluate` and explained on recordings of the two materials that are held out: what is shown decides

@@ -38,8 +38,8 @@ Source = Annotated[
 Robots = Annotated[
     str,
     Option(
-        help="auto: the simulated robot of a simulated sensor, else nobody. none: nobody. manual: you push, and are "
-        "told when. source: the arm that the source is part of, which WILL MOVE. ur://HOST, with "
+        help="auto: the simulated robot of a simulated sensor, else nobody. none: nobody. manual: you push when "
+        "prompted. source: the arm that the source is part of, which WILL MOVE. ur://HOST, with "
         "granular-id-contrib: that arm, which WILL MOVE."
     ),
 ]
@@ -156,7 +156,7 @@ def live(
             identifying: HopIdentifier | LiveIdentifier = HopIdentifier(stream, identifier, hop_s, **common)
         else:
             setup = stack.enter_context(closing(setup_of(sensor, robot, trigger, threshold_n=threshold_n)))
-            if n != 1 and stays(setup.robot):  # nobody is asked to bring it back
+            if n != 1 and stays(setup.robot):  # nobody is there to bring it back
                 raise GranularIdError(
                     "the robot cannot go back by itself (move_back) after a push: add --n 1"
                 )
@@ -288,6 +288,6 @@ def _keeping(
             yield keep
         finally:
             if archive is not None:
-                show(f"kept {counted(n_appended)} in {archive}")
+                show(f"stored {counted(n_appended)} in {archive}")
             if json is not None and n_answers:
                 show(f"wrote {json}, {counted(n_answers, 'answer')}")

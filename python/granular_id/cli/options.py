@@ -146,7 +146,7 @@ def _range_in(text: str) -> tuple[float, float]:
 
 
 def jobs_of(jobs: int | None, scheduler: str | None) -> int | None:
-    """Return ``n_jobs``: all cores, unless fewer are asked for or the workers of a cluster do the work."""
+    """Return ``n_jobs``: all cores, unless fewer are requested or the workers of a cluster do the work."""
     return -1 if jobs is None and scheduler is None else jobs
 
 

@@ -120,7 +120,7 @@ def _drawn(table: Table, rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def write_files(*outputs: tuple[Path | None, Callable[[Path], object]]) -> None:
-    """Write the files that were asked for, each by its function, and name them."""
+    """Write the files that were requested, each by its function, and name them."""
     for path, write in outputs:
         if path is not None:
             write(path)

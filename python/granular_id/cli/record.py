@@ -220,10 +220,10 @@ def _prompt(text: str) -> Callable[[Step, Capture], None]:
 
 
 def _refuse_absent_hands(stream: Stream, robot: Robot | None, labels: list[str], n: int) -> None:
-    """Refuse what needs a person at the container where nobody can be asked: else one bed gets two labels."""
+    """Refuse what needs a person at the container where nobody can answer: else one bed gets two labels."""
     if stream.info.synthetic or stream.replays or sys.stdin.isatty():
         return
-    nobody = "and nobody can be asked: standard input is no terminal"
+    nobody = "and nobody can answer: standard input is no terminal"
     if len(labels) > 1:
         raise GranularIdError(
             f"--label names {len(labels)} materials, somebody must change them, {nobody}; record one at a time"

@@ -1,4 +1,4 @@
-"""Sets of materials that hold the right one as often as was asked for, in the mean over new sessions.
+"""Sets of materials that hold the right one as often as was requested, in the mean over new sessions.
 
 Background: Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random World" (2005); Dunn, Wasserman, Ramdas,
 "Distribution-free prediction sets for two-layer hierarchical models" (JASA 2022).

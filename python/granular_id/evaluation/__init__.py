@@ -1,4 +1,4 @@
-"""How well materials are told apart on recordings that were held out, and what could have been known without touching.
+"""How well materials are distinguished on recordings held out, and what could have been known without touching.
 
 `evaluate` gives an `EvaluationResult`.
 """

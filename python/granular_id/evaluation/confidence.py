@@ -115,7 +115,7 @@ class LeftOut:
     auroc : float
         Share of pairs, one recording of it and one of a known material, in which it has the larger novelty score.
     refused : float
-        Share of its recordings that is refused at a limit that refuses as many of the known as was asked for.
+        Share of its recordings that is refused at a limit that refuses as many of the known as was requested.
     """
 
     label: str
@@ -214,7 +214,7 @@ class ConfidenceStudy:
         notes = (
             () if sessions else ("no sessions were held out: this holds within those of the recordings only",)
         )
-        header = ("asked for", "held the right one", *sessions, "materials in a set")
+        header = ("requested", "held the right one", *sessions, "materials in a set")
         return Table("Candidates", header, rows, notes)
 
     def to_dict(self) -> dict[str, Any]:

@@ -131,7 +131,7 @@ def matched_draws(
 
 @dataclass(frozen=True)
 class Pair:
-    """Two feature spaces on the same folds; shares of 1, NaN where it cannot be said.
+    """Two feature spaces on the same folds; shares of 1, NaN where it cannot be computed.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""``evaluate``: how well are materials told apart, measured so that it can be believed."""
+"""``evaluate``: how well are materials distinguished, measured so that it can be believed."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def evaluate(
     random_state: int | None = 0,
     progress: bool | ProgressCallback = True,
 ) -> EvaluationResult:
-    """Measure how well materials are told apart on recordings that were held out.
+    """Measure how well materials are distinguished on recordings that were held out.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """What spoils an evaluation: copies on both sides, findings of the checks, and what is known without touching.
 
-A material that was recorded on its own day is told apart by anything that differs between days. No accuracy shows that,
+A material that was recorded on its own day is recognized by anything that differs between days. No accuracy shows that,
 however high; what the clock or the rest before the motion reach alone does.
 """
 

@@ -41,7 +41,7 @@ def explain(
     *,
     axes: Sequence[str] | None = None,
 ) -> Explanation:
-    """Add up what blocks, bands, axes and times of the features contribute to telling two materials apart.
+    """Add up what blocks, bands, axes and times of the features contribute to distinguishing two materials.
 
     A linear learner's score is a sum over features, so the difference between its mean scores for recordings of
     two materials is a sum too: of the weight of each feature times the difference of its means. Nothing is

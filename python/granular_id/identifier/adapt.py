@@ -48,7 +48,7 @@ _MOST_SOURCE = 2**19
 """Bytes of text; a model of more materials or features keeps none, and cannot be adapted."""
 
 _FOR_MORE = 2**18
-"""Bytes that are left for what else is said of the training, and what adapting adds, in the largest file."""
+"""Bytes that are left for what else is stated of the training, and what adapting adds, in the largest file."""
 
 _DONE_TO_SAMPLES = ("tare", "payload", "compensated")
 
@@ -138,7 +138,7 @@ def _refuse_too_little(codes: IntArray, classes: Sequence[str], allow_missing: b
     if len(codes) < LEAST_ROWS:
         raise GranularIdError(
             f"adapting by labels needs at least {LEAST_ROWS} recordings, got {len(codes)}: the offset of one cannot be "
-            "told from its material; record more, of more materials"
+            "separated from its material; record more, of more materials"
         )
     missing = [label for code, label in enumerate(classes) if code not in codes]
     if missing and not allow_missing:
@@ -181,8 +181,8 @@ def _doubts_of_labels(model: TrainedModel, data: Dataset, codes: IntArray) -> li
     doubts = []
     if len(set(codes.tolist())) == 1:
         doubts.append(
-            f"all recordings are of one material, {model.classes[codes[0]]}: the set-up cannot be told from it, and "
-            "the new model may name other materials less well; record several"
+            f"all recordings are of one material, {model.classes[codes[0]]}: the set-up cannot be separated from it, "
+            "and the new model may name other materials less well; record several"
         )
     known = known_marks(model)
     if known and (again := sum(mark_of(samples) in known for samples in data.X)):
@@ -231,7 +231,7 @@ def stored_source(core: _core.Model, rows: FloatArray, codes: IntArray) -> dict[
 
 
 def _has_room(core: _core.Model) -> bool:
-    """Whether what is kept of the training fits into a model file, beside novelty in float32."""
+    """Whether what is stored of the training fits into a model file, beside novelty in float32."""
     n_features, n_learners, n_classes = core.n_features, core.n_learners, core.n_classes
     text = 4 * 8 * (2 * n_features + n_classes * n_learners) // 3
     tensors = 8 * n_features * n_learners + 4 * n_features * (2 * n_classes + 1)

@@ -41,7 +41,7 @@ class Decision:
     warnings : tuple of str
         What may have spoilt the signal: a gap, saturation, lag; and what of the set-up is not as in the training.
     candidates : tuple of str
-        Materials that it may be, the likeliest first: they hold the right one as often as the training asked for.
+        Materials that it may be, the likeliest first: they hold the right one as often as the training required.
         Empty for a provisional answer, and for a model without such a rule.
     unknown : bool or None
         Whether the signal is like none of the materials that the model knows; None for a provisional answer, and

@@ -33,7 +33,7 @@ looks no more often for an early answer: each look is another chance to be wrong
 
 _N_BEGINNINGS, _N_MARGINS = 20, 60
 """Pairs that are tried: moments from which on to answer, and margins. Two numbers, and not a margin for each moment:
-with some hundred recordings those follow chance, and early answers then err more often than asked for."""
+with some hundred recordings those follow chance, and early answers then err more often than requested."""
 
 MIN_SESSIONS = 3
 """Held-out sessions below which there is no rule."""
@@ -42,12 +42,12 @@ _TOO_UNLIKELY = 0.01
 """No rule where a session errs so much more often than the target that it happens by chance less often than this."""
 
 _LEVELS = (0.2, 0.1, 0.05, 0.0)
-"""Shares of wrong answers that a pair may have where it is chosen, in units of the share asked for. Far below 1, as
+"""Shares of wrong answers that a pair may have where it is chosen, in units of the share requested. Far below 1, as
 there is a rule only where the sessions at hand look well: where half of the variance is that of sessions, four of them
-and levels from 1 on gave 7 % of wrong answers in new sessions for 5 % asked for, these 6 %."""
+and levels from 1 on gave 7 % of wrong answers in new sessions for 5 % requested, these 6 %."""
 
 _OTHER_TARGETS = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
-"""Proposed where the one asked for cannot be reached."""
+"""Proposed where the one requested cannot be reached."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def provisional_answers(
 # The rule has two numbers: from `n_seen` samples on, the first provisional answer whose margin reaches `margin` is
 # given. Among all pairs the one is taken that answers soonest while the share of wrong early answers stays within a
 # level. Each held-out session is then answered by the pair that the *others* choose, and the level is lowered until the
-# answers so found are wrong in at most the share that was asked for: of all, in the mean over sessions, and not
+# answers so found are wrong in at most the share that was requested: of all, in the mean over sessions, and not
 # surprisingly more often in any of them.
 
 
@@ -158,7 +158,7 @@ def calibrate(held: HeldOut, target: float) -> EarlyRule:
         return found
     larger = (other for other in _OTHER_TARGETS if other > target)
     reached = next((other for other in larger if pairs.rule(other) is not None), None)
-    hint = "" if reached is None else f"; one of {100 * reached:g} % could be kept"
+    hint = "" if reached is None else f"; one of {100 * reached:g} % could be reached"
     return EarlyRule(target, f"no rule keeps the error of early answers within {100 * target:g} %{hint}")
 
 
@@ -331,7 +331,7 @@ class OverTime:
             n_answers=len(held.truth),
             held_out=held.held.folds.name,
             target_error=rule.target_error if rule else None,
-            why_not="no early rule was asked for" if rule is None else rule.why_not,
+            why_not="no early rule was requested" if rule is None else rule.why_not,
             mean_seconds=math.nan if rule is None else rule.mean_seconds,
             worst=math.nan if rule is None else rule.worst,
             synthetic=synthetic,

@@ -249,7 +249,7 @@ class Split:
     n_classes: int
     folds: Folds | None = None  # of the estimate
     random: tuple[Folds, ...] = ()  # two, for how much stranger a recording is to models of fewer
-    why_none: str = "no recordings were held out, as asked"
+    why_none: str = "no recordings were held out, as requested"
 
 
 def split_of(data: Dataset, by: str, seed: int, *, estimate: bool) -> Split:

@@ -40,7 +40,7 @@ class LiveIdentifier(Session):
     """Waits for a push, names the material while it lasts, and waits for the next one.
 
     A model that was trained on recordings tared by their rest (`Dataset.tare`) gets each push tared in the same way, by
-    the rest before its motion, with the same bits; what is kept (`Push.recording`) is what was measured.
+    the rest before its motion, with the same bits; what is stored (`Push.recording`) is what was measured.
 
     Parameters
     ----------

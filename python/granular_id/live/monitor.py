@@ -30,7 +30,7 @@ __all__ = ["MonitorServer", "frame"]
 
 _LOOPBACK = "127.0.0.1"
 _HOSTS = frozenset((_LOOPBACK, "localhost"))  # with any port, as tunnels change it
-_QUIET_S = 1.0  # after this long without a snapshot, pages are told so
+_QUIET_S = 1.0  # after this long without a snapshot, pages are notified
 _END_S = 0.5  # at the end; who has not taken the last frame by then is not waited for
 _SEND_BUFFER_BYTES = 256 * 1024  # a few frames: a browser that comes back must not see old ones for seconds
 

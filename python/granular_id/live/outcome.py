@@ -36,7 +36,7 @@ class FailureReason(Enum):
     RATE = "rate"
     """The samples came at another rate than the source's."""
     LIMIT = "limit"
-    """Force or torque was larger than it may be, or could not be told while the robot moved."""
+    """Force or torque was larger than it may be, or could not be measured while the robot moved."""
     LATE_CONTACT = "late contact"
     """The force came so late that the robot would stand before the recording ends."""
     LAG = "lag"

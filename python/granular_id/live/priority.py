@@ -25,7 +25,7 @@ _REFUSED = (
 
 _lock = threading.Lock()
 _before: list[float] = []  # switch intervals, one for each that is at work; the first is the program's own
-_holders: dict[int, tuple[int, int]] = {}  # thread -> how many have asked for its priority, and the highest
+_holders: dict[int, tuple[int, int]] = {}  # thread -> how many have requested its priority, and the highest
 
 
 @contextmanager
@@ -57,7 +57,7 @@ def at_once(threads: Iterable[int] = (), *, all_of_python: bool = False) -> Iter
 
 
 def _held(thread: int, level: int) -> bool:
-    """Raise a thread to a level at least, and count who asked for it; False where it is not granted."""
+    """Raise a thread to a level at least, and count who requested it; False where it is not granted."""
     count, before = _holders.get(thread, (0, 0))
     if level > before and not _raised(thread, level, again=count > 0):
         return False

@@ -43,7 +43,7 @@ _DIRECTION_S = 0.1
 
 
 class Hand(Mover):
-    """A person who is told when to push, or nobody: to a push loop what a `Supervisor` is, though nobody watches."""
+    """A person who is prompted to push, or nobody: to a push loop what a `Supervisor` is, though nobody watches."""
 
     fault = blocked = None
     moves, ending = False, ""
@@ -289,7 +289,7 @@ class Attempt:
         return Step(block, rows)
 
     def _push(self) -> None:
-        """Set the robot in motion; a person is only told."""
+        """Set the robot in motion; a person is only prompted."""
         pushes, self._commanded = self._pushes, True
         self._begun_s = None if self._newest is None else float(self._newest.time_s[-1])
         seconds, pushes.rest = pushes.motion_s(self.capture), self._rest()

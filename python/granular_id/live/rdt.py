@@ -50,8 +50,8 @@ class RdtSource:
     variant : {"auto", "netft", "axia", "onrobot"}
         Kind of box: they share the framing, not the status word. "auto" tells Net F/T and Axia apart by the page.
     rate_hz : float, optional
-        Records per second. The page of ATI boxes has it, and another one here is refused; OnRobot boxes are asked
-        for it (default 500).
+        Records per second. The page of ATI boxes has it, and another one here is refused; OnRobot boxes are set
+        to it (default 500).
     tick_hz : float, optional
         Samples per second within the sensor, which records are stamped with; only where the page does not say.
     buffered : bool, default False
@@ -108,7 +108,7 @@ class RdtSource:
             rate_hz=self._info.rate_hz,
             buffered=buffered,
         )
-        # also when the interpreter ends: a box goes on sending until it is told to stop
+        # also when the interpreter ends: a box goes on sending until it is commanded to stop
         self._finalizer = weakref.finalize(self, self._receiver.stop)
 
     @property

@@ -160,10 +160,10 @@ class TimedMotion:
 
 
 class ManualRobot:
-    """A person who pushes the tool, told when.
+    """A person who pushes the tool when prompted.
 
     A line on standard error counts each second down, and the motion is taken to begin after the last. People are some
-    tenths of a second off, so the recorder waits for the force instead, unless another trigger is asked for.
+    tenths of a second off, so the recorder waits for the force instead, unless another trigger is requested.
     """
 
     def __init__(self) -> None:

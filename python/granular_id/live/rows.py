@@ -31,7 +31,7 @@ BAD = np.uint8(SampleFlag.SATURATED | SampleFlag.BAD_STATUS)
 """Marks of rows that tell no force; those at either end of a gap hold in between, too."""
 
 _DRIFT = 1e-4
-"""No two clocks agree better than this, relative, whatever tolerance is asked for."""
+"""No two clocks agree better than this, relative, whatever tolerance is requested."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def setup_of(
     source : WrenchSource
     robot : {"auto", "none", "manual", "source"}, Robot or None, default "auto"
         "auto": the simulated robot of a simulated sensor, nobody for other sources: no machine moves unasked.
-        "source": the robot that the source is part of. "manual": a person who is told when to push. A URL: see
+        "source": the robot that the source is part of. "manual": a person who is prompted to push. A URL: see
         `open_robot`.
     trigger : {"auto", "motion", "force", "manual"} or callable, default "auto"
         "motion": where the robot's motion begins. "force": where the force leaves its level at rest. "manual": a

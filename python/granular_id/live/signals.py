@@ -45,7 +45,7 @@ _BLOCKS: list[object] = []
 
 
 def number_heard() -> int:
-    """Return how many signals were heard: who has asked before nothing may begin to move for after the next."""
+    """Return how many signals were heard: who has called before nothing may begin to move for after the next."""
     return max(_HEARD.count("main"), _HEARD.count("listening"))
 
 
@@ -61,7 +61,7 @@ def ending(signum: int) -> BaseException:
 
 @contextmanager
 def stop_on_signals() -> Iterator[None]:
-    """Stop the robot when the program is told to end: SIGINT (Ctrl-C), SIGTERM, SIGHUP (the terminal is closed).
+    """Stop the robot when a signal ends the program: SIGINT (Ctrl-C), SIGTERM, SIGHUP (the terminal is closed).
 
     The library installs no handlers unasked, and without one SIGTERM and SIGHUP end a program at once, while the arm
     moves on. Within this block a signal stops every arm that moves, from a thread of its own, whatever the main thread

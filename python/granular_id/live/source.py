@@ -195,7 +195,7 @@ class ThreadedSource(ABC):
     ----------
     replays : bool
         True for a class whose rows are recordings of its own: they are looked at from the oldest on. Those of a
-        sensor (False) count from the moment at which a push is asked for.
+        sensor (False) count from the moment at which a push is requested.
 
     Notes
     -----

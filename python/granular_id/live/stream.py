@@ -19,7 +19,7 @@ __all__ = ["Stream", "checked_stream", "left_out", "opened"]
 _POLL_S = 0.05
 
 _MOST_S = 600.0
-"""Device time that a buffer holds at most, unless more is asked for: that of fast simulations would fill the memory."""
+"""Device time that a buffer holds at most, unless more is requested: that of fast simulations would fill the memory."""
 
 
 class Stream:
@@ -36,7 +36,7 @@ class Stream:
 
     @property
     def replays(self) -> bool:
-        """Whether its rows are of recordings: those that came in before a push is asked for count, too."""
+        """Whether its rows are of recordings: those that came in before a push is requested count, too."""
         return bool(getattr(self.source, "replays", False))
 
     def truth_at(self, time_s: float | None) -> str | None:

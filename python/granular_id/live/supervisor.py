@@ -73,7 +73,7 @@ class _Path:
 
 
 class _Seen(NamedTuple):
-    """What a robot's driver says of its motion, when, and how often `stop` was called before it was asked."""
+    """What a robot's driver says of its motion, when, and how often `stop` was called before it was queried."""
 
     finished: bool
     error: str | None
@@ -184,7 +184,7 @@ class Supervisor(Mover):
                     f"the tool stands {1e3 * off_m:.0f} mm from where the first push began: bring it back, then call "
                     "resume()"
                 )
-            if self.fault is not None:  # while the robot was asked where it is
+            if self.fault is not None:  # while the robot was queried for its place
                 return None
             self._is_away = place is None and not goes_back(self.robot)
             return checked_motion(self.robot.move_line(direction, speed_m_s, duration_s), "move_line")
@@ -283,7 +283,7 @@ class Watch:
         self._ended = False  # the command was refused, or there is no way back
         self._commanded = False  # the robot may have taken the command
         self._has_begun = False  # to talk to the driver
-        self._was_moving = False  # the robot has said so
+        self._was_moving = False  # the robot has reported so
         self._has_stopped = False  # a call of stop() has returned
         self._looked_ns = 0
         self._begun_ns = self._heard_ns = self._stopped_ns = self._clock.now_ns()
@@ -310,7 +310,7 @@ class Watch:
             self.stop(FailureReason.SOURCE, f"nobody has looked at the rows for {_BLIND_S:g} s")
             self._stop_again(now_ns)
         if self._seen is not None and self._seen.at_ns >= self._looked_ns:
-            return True  # it may be the last answer: the driver is not asked beside the next motion
+            return True  # it may be the last answer: the driver is not queried beside the next motion
         self._call_ns = now_ns
         if self.motion is None:
             return self._tell()
@@ -318,7 +318,7 @@ class Watch:
         try:
             finished = bool(self.motion.finished())
             self._was_moving |= not finished
-            error = self.motion.error  # many controllers tell one only when asked for the end
+            error = self.motion.error  # many controllers tell one only when queried for the end
             place = self._arm.place()
         except Exception as raised:  # whatever the robot's library raises
             finished, error = False, f"{type(raised).__name__}: {raised}"
@@ -463,7 +463,7 @@ class Watch:
             return ""
         raised = self._stop_raised and f", after stop() had raised {self._stop_raised}"
         if not self.standing.is_set():
-            return f"; the robot was asked to stop{raised}"
+            return f"; the robot was commanded to stop{raised}"
         took_s = 1e-9 * (self._stood_ns - self._stopped_ns)
         return f"; the robot {'was stopped' if took_s < 1 else f'stood {took_s:.1f} s after stop()'}{raised}"
 

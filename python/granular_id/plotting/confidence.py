@@ -103,7 +103,7 @@ def _draw_coverage(panel: Any, study: ConfidenceStudy) -> None:
         set_ticks(ticks, [f"{100 * tick:.0f} %" for tick in ticks])
     style.grid(panel)
     style.heading(panel, "candidates", 10)
-    style.name_axes(panel, "share asked for", "candidates that hold the right one", 8)
+    style.name_axes(panel, "share requested", "candidates that hold the right one", 8)
 
 
 def _draw_unknown(panel: Any, study: ConfidenceStudy) -> None:

@@ -30,7 +30,7 @@ _MINUS = "\N{MINUS SIGN}"
 def plot_explanation(
     explanation: Explanation, *, title: str | None = None, path: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Plot how much each block, band, axis and time contributes to telling two materials apart.
+    """Plot how much each block, band, axis and time contributes to distinguishing two materials.
 
     Parameters
     ----------

@@ -372,7 +372,7 @@ _MISSING_COLOUR = "#B03A00"
 _MARKS = {
     "found": ("onset found", INK, "-", "v"),
     "overruled": ("onset stated", "#D55E00", "--", "D"),
-    "kept": ("onset recorded", "#0072B2", "-.", "s"),
+    "recorded": ("onset recorded", "#0072B2", "-.", "s"),
 }
 
 
@@ -419,7 +419,7 @@ def plot_onsets(dataset: Dataset, *, n: int = 10, path: str | os.PathLike[str] |
     step = next(step for step in reversed(dataset.history) if step.step == ONSET_STEP)
     rest_s, false_alarm_rate = (step.parameters[name] for name in ("rest_s", "false_alarm_rate"))
     rows = {row["name"]: row for row in step.rows}
-    found = [rows.get(name, {"how": "kept"}) for name in dataset.names]
+    found = [rows.get(name, {"how": "recorded"}) for name in dataset.names]
     places = _places(np.array([row["how"] in ("not found", "overruled") for row in found]), n)
     shown = [dataset[place] for place in places]
     figure = style.new_figure(9.5, 1.1 + 1.05 * len(shown))
@@ -463,7 +463,7 @@ def _draw_onset(panels: Any, recording: Recording, found: Mapping[str, Any], res
     band = 4 * float(signal[:at_rest].std(axis=0).max())
     zero_s = rest_s if index is None else float(times[index])
     near = (times >= zero_s - _BEFORE_S) & (times <= zero_s + _AFTER_S)
-    _, colour, dashes, marker = _MARKS.get(found["how"], _MARKS["kept"])
+    _, colour, dashes, marker = _MARKS.get(found["how"], _MARKS["recorded"])
     for panel, origin_s, part in ((panels[0], 0.0, slice(None)), (panels[1], zero_s, near)):
         panel.axvspan(-origin_s, rest_s - origin_s, color=_REST_COLOUR, linewidth=0, zorder=0)
         panel.axhspan(-band, band, color=_REST_COLOUR, linewidth=0, zorder=0)

@@ -46,7 +46,7 @@ _MOST_LATE = 0.1
 
 _DAYS = ".assign(**{{{clock!r}: lambda f: f[{clock!r}] * 86400}})"
 
-SEVERAL = "several recordings must be told apart: a file each, or a column that does (id=, --id)"
+SEVERAL = "several recordings must be distinguished: a file each, or a column that does (id=, --id)"
 
 STATE_RATE = in_both(rate_hz=RATE)
 _IGNORED_OUT = ("; state the rate, and the clock is ignored: pass ", STATE_RATE, ", the one in Hz")
@@ -258,7 +258,7 @@ def samples_in(name: str, seconds: object, rate_hz: float) -> int:
 def rate_of(
     stamps: Stamps, stated_hz: float | None, file_hz: float | None, *, doubtful: bool = False
 ) -> tuple[float | None, str | None]:
-    """Return the rate of a recording, or None where its stamps must be kept; and what there is to remark.
+    """Return the rate of a recording, or None where its stamps must stay; and what there is to remark.
 
     What a user states wins over packets, and is refused where stamps have pauses or another rate; what the file states
     must be confirmed by them. `doubtful`: nobody says what the stamps count.

@@ -40,7 +40,7 @@ def setups_in(data: Dataset) -> list[Setup]:
     if not onsets:
         return setups
     # The motion begins where it was found in the forces, whatever started the recording.
-    trigger = None if onsets[-1].totals.get("kept") else "onset"
+    trigger = None if onsets[-1].totals.get("recorded") else "onset"
     return [replace(setup, trigger=trigger) for setup in setups]
 
 
@@ -162,7 +162,7 @@ def condition_of(data: Dataset, condition: Any) -> tuple[str, NDArray[np.object_
         within = [name for name in known if name.startswith(f"{condition}.")]
         reason = "it is no single value" + f": take one within it, such as {within[0]!r}" * bool(within)
     elif condition == "label":
-        reason = "the labels are what is told apart"
+        reason = "the labels are what is distinguished"
     else:
         reason = f"no recording states it (a column {condition!r} of index.csv, or an entry of meta)"
     able = [

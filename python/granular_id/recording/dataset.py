@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 class Dataset:
     """An ordered, frozen set of at least one recording.
 
-    Nothing is resampled, cropped or padded unless asked for: each step gives a new ``Dataset`` whose
+    Nothing is resampled, cropped or padded unless requested: each step gives a new ``Dataset`` whose
     ``history[-1]`` prints what was done. Two data sets are equal when their recordings are; history is not
     compared.
 
@@ -76,7 +76,7 @@ class Dataset:
 
     @cached_property
     def X(self) -> FloatArray:  # noqa: N802  # the name that scikit-learn gives it
-        """Samples, shape (n, T, C), read-only; made once and kept (after ``align`` without a copy).
+        """Samples, shape (n, T, C), read-only; made once and cached (after ``align`` without a copy).
 
         Raises
         ------
@@ -312,7 +312,7 @@ class Dataset:
         40 dB or more from 1.05 times half the new rate on, and delays nothing: what lies there would come out as
         another frequency. Irregular recordings are put on even steps before, as a signal without frequencies above half
         of their rate: with stamps that are off by a tenth of a step the 40 dB hold up to 0.48 of the rate on average.
-        Where stamps come in bursts lines are drawn, and a note says that frequencies cannot be told apart.
+        Where stamps come in bursts lines are drawn, and a note says that frequencies cannot be distinguished.
 
         Parameters
         ----------
@@ -398,7 +398,7 @@ class Dataset:
         trigger : {None, "recorded"}
             Where to begin: at the first sample, or at each recording's `trigger_index`.
         lead_s : float
-            Seconds kept ahead of the trigger.
+            Seconds to include ahead of the trigger.
         on_short : {"raise", "skip"}
             What to do with a recording that is too short or, with ``trigger="recorded"``, has no trigger: refuse, or
             leave it out and say so. Never padded. :meth:`find_onsets` finds triggers, or takes yours.

@@ -26,7 +26,7 @@ FALSE_ALARM_RATE = 1e-3
 ONSET_STEP = "find_onsets"
 """Name of this step in ``Dataset.history``."""
 
-_ORDER = ("not found", "overruled", "found", "kept")  # as rows of a report: what needs a look comes first
+_ORDER = ("not found", "overruled", "found", "recorded")  # as rows of a report: what needs a look comes first
 
 
 @dataclass(frozen=True)
@@ -278,7 +278,7 @@ def _why_not(samples: FloatArray, noise: _RestNoise, rest: int, window: int, rec
     return f"no abrupt change, though {strays}: it starts in motion, drifts, or needs a longer rest"
 
 
-# Onsets of a whole data set: found, kept or overruled, each said in the report.
+# Onsets of a whole data set: found, recorded or overruled, each listed in the report.
 
 
 def find_all_onsets(
@@ -311,7 +311,7 @@ def find_all_onsets(
     rows: list[dict[str, Any]] = []
     filled: list[str] = []
     for i, recording in enumerate(recordings):
-        index, row = recording.trigger_index, {"how": "kept"}
+        index, row = recording.trigger_index, {"how": "recorded"}
         if i in stated:
             index, row = stated[i], {"how": "overruled"}
         elif i in judged:
@@ -332,7 +332,7 @@ def find_all_onsets(
     picks: dict[str, Callable[[Any], Any]] = {"earliest": min, "median": np.median, "latest": max}
     totals = {
         "recordings": len(rows),
-        **{word.replace(" ", "_"): how[word] for word in ("found", "not found", "overruled", "kept")},
+        **{word.replace(" ", "_"): how[word] for word in ("found", "not found", "overruled", "recorded")},
         **{f"{word}_onset_s": float(pick(times)) for word, pick in picks.items() if times},
     }
     parameters = {

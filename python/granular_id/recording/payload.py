@@ -40,7 +40,7 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 FORMAT = "granular_id.payload/1"
 # Gravity beyond it lies within a cone of some four degrees around one direction, or as close to one line.
 _FEWEST, _MOST_CONDITION = 4, 30.0
-_UNKNOWN = "mass and bias cannot be told apart"
+_UNKNOWN = "mass and bias cannot be separated"
 _WAY_OUT = "turn the tool by 30 degrees or more about two axes; from one orientation only a tare is possible"
 # What recordings and a payload must agree in, where both state it.
 _STATED = ("frame", "sign")

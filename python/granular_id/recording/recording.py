@@ -87,7 +87,7 @@ class Recording:
     name : str
         How reports call this recording, for example the file it came from.
     axes : sequence of str
-        Names of the C columns of `wrench`; fx fy fz tx ty tz where there are six and nothing is said.
+        Names of the C columns of `wrench`; fx fy fz tx ty tz where there are six and nothing is stated.
 
     Raises
     ------
@@ -246,7 +246,7 @@ def _checked_flags(value: object, n_samples: int) -> NDArray[np.uint8] | None:
 KNOWN_UNITS = dict(zip(AXES, UNITS, strict=True))
 
 AXIS_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#E69F00")
-"""Okabe & Ito's colours, told apart with any colour vision; one per axis, in the order of `AXES`."""
+"""Okabe & Ito's colours, distinct with any colour vision; one per axis, in the order of `AXES`."""
 
 
 def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:

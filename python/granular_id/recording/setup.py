@@ -17,7 +17,7 @@ from granular_id.recording.recording import unit_of
 
 # What is refused where it differs, unless somebody says that it may.
 ACCEPTABLE = ("frame", "transform", "sign", "units")
-_LONGEST = 200  # characters of a value that are kept and compared
+_LONGEST = 200  # characters of a value that are stored and compared
 # A thing with more values than this in one training varied there, and says nothing about another set-up.
 _MOST_VALUES = 8
 # Masses this close are one payload, identified twice.

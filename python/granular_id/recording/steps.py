@@ -160,7 +160,7 @@ def _starts(
         raise argument_error(GranularIdError, "trigger", f"={trigger!r}; wanted None or 'recorded'")
     if trigger is None:
         if lead:
-            problem = f"={lead_s:g} is time kept before the trigger: give trigger= too"
+            problem = f"={lead_s:g} is time before the trigger: give trigger= too"
             raise argument_error(GranularIdError, "lead_s", problem)
         return [0] * len(recordings)
     without = [r.name for r in recordings if r.trigger_index is None]

@@ -251,7 +251,7 @@ def _units_of(
         if silent and other is not None:
             problem = f"column {called[other]!r} states a unit and column {called[silent[0]]!r} none"
             raise TableError(f"{problem}; wanted that of each", column=called[silent[0]])
-    kept = {
+    as_is = {
         unit
         for axis, unit in own.items()
         if axis not in AXES and unit is not None and {factor(unit, "N"), factor(unit, "N m")} - {None, 1.0}
@@ -259,8 +259,8 @@ def _units_of(
     units = {axis: unit_spelling(unit) for axis, unit in own.items() if axis not in AXES and unit is not None}
     bare = [axis for axis, unit in own.items() if axis not in AXES and unit is None]
     notes = [f"no unit is known of {', '.join(bare)[:200]}: units= states it (--units)"] if bare else []
-    if kept:
-        notes.append(f"{', '.join(sorted(kept))} stay as they are: only axes called fx to tz are converted")
+    if as_is:
+        notes.append(f"{', '.join(sorted(as_is))} stay as they are: only axes called fx to tz are converted")
     if not converted:
         return None, units, notes
     units_converted = ", ".join(

@@ -21,7 +21,7 @@ IntArray = npt.NDArray[np.intp]
 Losses = Callable[[FloatArray], FloatArray]
 
 LEAST_ROWS = 3
-"""Labelled recordings, or recordings a material in the mean, of which less is said than chance says."""
+"""Fewest labelled recordings, or recordings a material in the mean: fewer give less than chance does."""
 
 # Measured on real recordings under other loads, speeds, sensors and people, on synthetic rigs and on halves of
 # sessions; docs/guide/setups.md has the outcome.
@@ -61,7 +61,7 @@ class Learners:
 
 @dataclass(frozen=True, eq=False)
 class SourceStatistics:
-    """What is kept of the training rows; `mean` is None where it has no meaning any more."""
+    """What is stored of the training rows; `mean` is None where it has no meaning any more."""
 
     mean: FloatArray | None  # (D,) mean of the class means of each column
     sd: FloatArray  # (D,) of all rows

@@ -273,7 +273,7 @@ class BandColumns:
         return np.flatnonzero([column.block == block for column in self.columns])
 
     def over_axes(self, values: FloatArray) -> FloatArray:
-        """Spread values (D,) over axes: (D, C); those of two axes count half for each, so that sums are kept."""
+        """Spread values (D,) over axes: (D, C); those of two axes count half for each, so that sums stay the same."""
         spread = np.zeros((len(self.columns), len(self.axes)))
         rows = np.arange(len(self.columns))
         spread[rows, [column.first for column in self.columns]] += 0.5 * values

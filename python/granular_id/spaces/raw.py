@@ -169,7 +169,7 @@ class Tare(RecordingFilter):
 class TimePermutation(RecordingFilter):
     """Put the instants of each recording into a random order of its own, all axes together.
 
-    A control, to stand in front of `RawSignal`: what is still told apart does not come from the course in time.
+    A control, to stand in front of `RawSignal`: what is still distinguished does not come from the course in time.
     One order for all recordings would be no control: to a linear classifier of raw samples it is a renaming of
     columns. So each recording has its own, drawn from the seed and from its samples. The same recording is
     shuffled in the same way whatever batch it comes in, in training and in testing, in any process

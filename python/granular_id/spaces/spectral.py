@@ -21,7 +21,7 @@ _ROWS = 16
 class DFT(RecordingTransformer):
     """Discrete Fourier transform of each axis, as ``numpy.fft.rfft`` gives it.
 
-    Real signals have symmetric spectra, so only frequencies up to half the rate are kept. Where one of them
+    Real signals have symmetric spectra, so only frequencies up to half the rate remain. Where one of them
     stands for two it is multiplied by sqrt(2): scalar products and distances are those of the full transform.
 
     Parameters

@@ -43,8 +43,8 @@ def vibration(load: FloatArray, step_s: float, *, order: int = 0, axes: slice = 
 
     The transfer function of a mode is ``w^2 / (s^2 + 2 zeta w s + w^2)``, of which steady loads come out unchanged; for
     velocities (order 1) and accelerations (order 2) of a unit mass it is ``s^order`` over the same. It is brought to
-    discrete time by the bilinear transform with its frequency kept: steps below 5 ms, or the highest mode could not be
-    represented.
+    discrete time by the bilinear transform with its frequency preserved: steps below 5 ms, or the highest mode could
+    not be represented.
     """
     shares = MODE_SHARE[axes]
     moved: FloatArray = (

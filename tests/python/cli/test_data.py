@@ -65,8 +65,8 @@ def test_check_names_each_unreadable_file_and_goes_on(tmp_path, monkeypatch):
     unreadable = written(tmp_path / "check.json")["unreadable"]
     assert [name in text for name, text in zip(("oat_03", "oat_05"), unreadable, strict=True)] == [True] * 2
     monkeypatch.chdir(tmp_path)
-    told = run("data", "convert", "in", "x.npz", "--on-error", "skip").stderr
-    (rest,) = re.findall(r"more lines: granular-id (.*)", told)
+    report = run("data", "convert", "in", "x.npz", "--on-error", "skip").stderr
+    (rest,) = re.findall(r"more lines: granular-id (.*)", report)
     assert "oat_05.csv" in run(*rest.split()).stdout
 
 
@@ -156,8 +156,8 @@ def test_pushes_that_are_dropped_are_warned_of(tmp_path, monkeypatch):
     ]
     save(Dataset([replace(one, name=one.label) for one in logs]), tmp_path / "logs.npz")
     words = ("data", "convert", "logs.npz", "one.npz", "--begin-at", "onset", "--lead-s", 0.05)
-    told = run(*words, "--duration-s", 0.4).stderr
-    assert "warning: 83% of the samples are dropped" in told
+    report = run(*words, "--duration-s", 0.4).stderr
+    assert "warning: 83% of the samples are dropped" in report
     (cut,) = re.findall(r"\((?:data convert )(--window-s)\)", refused("evaluate", "one.npz"))
     assert "dropped:" not in run("data", "convert", "logs.npz", "all.npz", cut, 0.6).stderr
     assert len(load(tmp_path / "all.npz")) == 8
@@ -285,10 +285,10 @@ def test_show_says_what_follows(trained, pushes, tmp_path, swapped):
 def test_a_recording_that_was_cut_off_is_left_out_first(tmp_path):
     short = recording(np.random.default_rng(0), 0, 9, samples=30)
     file = save(Dataset([*make(4), short]), tmp_path / "cut.npz")
-    said = " ".join(run("data", "convert", file, tmp_path / "same.npz").stderr.split())
-    assert "far shorter than the usual 0.472 s, the shortest is 'oat/oat_09.csv'" in said
+    report = " ".join(run("data", "convert", file, tmp_path / "same.npz").stderr.split())
+    assert "far shorter than the usual 0.472 s, the shortest is 'oat/oat_09.csv'" in report
     words = ("--duration-s", "0.48", "--on-error", "skip")
-    assert f"{' '.join(words)}) [oat/oat_09.csv]" in said
+    assert f"{' '.join(words)}) [oat/oat_09.csv]" in report
     assert way_out(refused("evaluate", file))[4:] == [*words]
     ended_well("data", "convert", file, tmp_path / "whole.npz", *words)
     assert len(load(tmp_path / "whole.npz")) == 12

@@ -222,7 +222,7 @@ def test_live_keeps_each_push_with_its_answer(live, model, tmp_path):
     pytest.importorskip("pyarrow.parquet")
     rows = tmp_path / "rows.jsonl"
     out = ended_well(*live, "--n", 2, "--quiet", "--archive", tmp_path / "seen", "--json", rows)
-    assert "kept 2 recordings in" in out
+    assert "stored 2 recordings in" in out
     message = [json.loads(line)["decision"] for line in rows.read_text(encoding="utf-8").splitlines()]
     data = gid.load(tmp_path / "seen")
     assert [one.meta["answer"]["label"] for one in data] == [one["label"] for one in message]
@@ -242,7 +242,7 @@ def test_push_on_a_full_disk_is_answered(live, tmp_path, monkeypatch, option):
     ended = run(*live, "--n", 2, "--quiet", option, tmp_path / "seen")
     assert ended.exit_code == 2
     assert ended.stdout.count("final: margin") == 1
-    assert ("kept 0 recordings" in ended.stdout, "wrote" in ended.stdout) == (option == "--archive", False)
+    assert ("stored 0 recordings" in ended.stdout, "wrote" in ended.stdout) == (option == "--archive", False)
     assert ended.stderr == "error: seen: no space left on device\n"
 
 

@@ -222,7 +222,7 @@ def test_too_many_pairs_are_refused():
         ([[1, np.nan], [-1, -1], [0, 1]], r"must hold -1, 0 and \+1 only"),
         ([[1, 1], [-1, 0], [-1, 0]], "column 1 must hold both"),
         ([[1], [-1], [0]], "row 2 is all 0"),
-        ([[1, 1], [1, 1], [-1, -1]], "row 1 is like one before: these classes are never told apart"),
+        ([[1, 1], [1, 1], [-1, -1]], "row 1 is like one before: these classes are never separated"),
         ([[1, 1, -1], [-1, 0, 1], [0, -1, 0]], "column 2 is like one before: .* but for the sign"),
     ],
 )

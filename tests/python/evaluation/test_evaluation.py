@@ -210,8 +210,8 @@ def test_copies_within_a_held_out_session_stand_first(data):
 
 def test_no_session_is_asked_for_where_days_are_held_out(data):
     days = Dataset([replace(one, session=None, start_time=86400.0 * (k % 3)) for k, one in enumerate(data)])
-    said = {by: evaluate(days, "raw", by=by, **QUIET).notes for by in ("random", "day")}
-    assert ["no recording says which session" in " ".join(said[by]) for by in said] == [True, False]
+    notes = {by: evaluate(days, "raw", by=by, **QUIET).notes for by in ("random", "day")}
+    assert ["no recording says which session" in " ".join(notes[by]) for by in notes] == [True, False]
 
 
 def with_gap(X):

@@ -387,7 +387,7 @@ TOOLED = with_tools(
         (lambda: hold_out(TOOLED, "speed"), "those that can be: session (6 values), tool (3 values), "),
         (
             lambda: hold_out(TOOLED, "label"),
-            "by='label' cannot be held out, as the labels are what is told apart",
+            "by='label' cannot be held out, as the labels are what is distinguished",
         ),
         (lambda: hold_out(TOOLED, "day"), "all recordings have the same value, '2001-09-09'"),
         (lambda: hold_out(TOOLED, "run"), "it has 48 values in 48 recordings, each a training of its own"),

@@ -136,7 +136,7 @@ def constant(n, m, n_wrong=0):
         (constant(32, 3), 0.01, "by 99 held-out recordings or more, there are 32: 3.04 % is the least"),
         (constant(40, 3, n_wrong=40), 0.1, "no rule keeps the error of early answers within 10 %"),
         (constant(40, 1), 0.1, "recordings of one sample leave nothing to wait for"),
-        (constant(200, 3, n_wrong=5), 0.01, "within 1 %; one of 20 % could be kept"),
+        (constant(200, 3, n_wrong=5), 0.01, "within 1 %; one of 20 % could be reached"),
     ],
 )
 def test_no_rule_says_why_and_what_is_in_reach(held, target, why):

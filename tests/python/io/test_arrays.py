@@ -417,14 +417,14 @@ def test_time_first_beside_labels_has_one_line(tmp_path, form):
 
 
 def test_axes_that_fit_twice_are_named_in_a_note(tmp_path):
-    for values, said in (
+    for values, text in (
         (SIX, "X (6, 50, 6) is read as 6 recordings, 50 samples, 6 axes"),
         (X[:, :6], "X (4, 6, 6) is read as 4 recordings, 6 samples, 6 axes"),
         (X, None),
     ):
         np.savez(tmp_path / "a.npz", X=values, y=LABELS if len(values) == 4 else OF_SIX, fs=500)
         notes = load(tmp_path / "a.npz").history[-1].notes
-        assert any(note.startswith(said) for note in notes) if said else "is read as" not in "".join(notes)
+        assert any(note.startswith(text) for note in notes) if text else "is read as" not in "".join(notes)
 
 
 def test_units_under_another_name_are_refused(tmp_path):

@@ -88,7 +88,7 @@ IN_MILLI = ["time", *(f"{axis} [mN{' m' * (axis[0] == 't')}]" for axis in AXES)]
 IN_NMM = lines(table(scale=[1, 1, 1, 1e3, 1e3, 1e3]))
 IN_MN = ["Y_Unit_Label", *["mN"] * 3, *["N mm"] * 3]
 IN_POUNDS = [1 / POUND] * 3 + [1 / INCH_POUND] * 3
-SAID = {"UNITS": "lbf,in-lb"}
+STATED = {"UNITS": "lbf,in-lb"}
 CASES = {
     # what is in the file, samples that are lost, what a placeholder stands for
     "LabVIEW": (labview(), [], {}),
@@ -104,8 +104,8 @@ CASES = {
     "a cell that is empty": (with_cell(7, "fz", np.nan), [7], {}),
     "a cell of inf": (with_cell(7, "fz", "inf"), [7], {}),
     "rows of a text": (with_cell(7, AXES, "ERR"), [7], {}),
-    "pounds below the names": (with_line_2("s,lb,lb,lb,in-lb,in-lb,in-lb", lines(table(scale=IN_POUNDS))), [], SAID),
-    "pounds in the names": (lines(table(names=named("t [s]", "F{} [lb]", "M{} [in-lb]"), scale=IN_POUNDS)), [], SAID),
+    "pounds below the names": (with_line_2("s,lb,lb,lb,in-lb,in-lb,in-lb", lines(table(scale=IN_POUNDS))), [], STATED),
+    "pounds in the names": (lines(table(names=named("t [s]", "F{} [lb]", "M{} [in-lb]"), scale=IN_POUNDS)), [], STATED),
     "names of another language": (lines(table(names=named("Zeit [s]", "Kraft {} [N]", "Dreh {} [N m]"))), [], {}),
     "words for forces only": (lines(table(names=named("Cas", "Sila {}", "Moment {}"))), [], {}),
     "no names": (lines(table())[1:], [], {}),

@@ -62,7 +62,7 @@ def test_recordings_of_a_long_table(tmp_path, case, form):
 
 @FORMS
 def test_a_long_table_without_an_id_is_refused(tmp_path, form):
-    with pytest.raises(RecordingFileError, match=r"time runs back .* must be told apart"):
+    with pytest.raises(RecordingFileError, match=r"time runs back .* must be distinguished"):
         load(written(tmp_path, form, time=T6))
 
 

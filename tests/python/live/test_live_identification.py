@@ -200,22 +200,22 @@ def fitted(axes, **known):
     return gid.Identifier.fit(Dataset(turned), "hfmh", estimate=False)
 
 
-def asked(model=MODEL, **options):
+def replayed(model=MODEL, **options):
     return gid.identify(ReplaySource(PUSHES), model, **options)
 
 
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: next(asked(pre_s=0.2)), "pre_s is 0.2, but the model was trained with 0.1 s of rest"),
-        (lambda: next(asked(n_samples=3)), "n_samples"),
-        (lambda: next(asked(robot=3)), "robot must have move_line and stop, got int"),
-        (lambda: next(asked(trigger="motions")), "trigger must be one of"),
-        (lambda: next(asked(robot="source")), "asks for the robot of the source, and replay"),
+        (lambda: next(replayed(pre_s=0.2)), "pre_s is 0.2, but the model was trained with 0.1 s of rest"),
+        (lambda: next(replayed(n_samples=3)), "n_samples"),
+        (lambda: next(replayed(robot=3)), "robot must have move_line and stop, got int"),
+        (lambda: next(replayed(trigger="motions")), "trigger must be one of"),
+        (lambda: next(replayed(robot="source")), "asks for the robot of the source, and replay"),
         # before the first answer
-        (lambda: asked(n=0), "n must be at least 1, got 0"),
-        (lambda: asked(on_failure="stop"), "on_failure must be"),
-        (lambda: asked("missing.safetensors"), "missing"),
+        (lambda: replayed(n=0), "n must be at least 1, got 0"),
+        (lambda: replayed(on_failure="stop"), "on_failure must be"),
+        (lambda: replayed("missing.safetensors"), "missing"),
         (lambda: named(bench(RICE)).pushes(1.5), "whole number"),
         (lambda: named(bench(RICE, rate_hz=100.0)), "the model is for 500 Hz, bench delivers 100 Hz"),
         (

@@ -127,7 +127,7 @@ def test_identical_rows_with_one_stamp_are_merged():
         (
             frame(time=[*T[:25]] * 2),
             {},
-            "time runs back .* several recordings must be told apart(?!.*repair)",
+            "time runs back .* several recordings must be distinguished(?!.*repair)",
         ),
         (frame(id=[1, 2] * 25), {"rate_hz": 100}, "the same value again"),
         (frame(fs=[100] * 49 + [50]), {}, r"states the rates \[50.0, 100.0\]"),

@@ -56,11 +56,11 @@ def test_align_without_any_trigger(data):
         data.align(800, trigger="recorded", on_short="skip")
 
 
-def test_recorded_triggers_are_kept_unless_replaced(data):
+def test_recorded_triggers_stay_unless_replaced(data):
     known = Dataset([replace(data[0], trigger_index=500), *data[1:]])
     found = known.find_onsets()
     assert found[0] is known[0]
-    assert found.history[-1].totals["kept"] == 1
+    assert found.history[-1].totals["recorded"] == 1
     replaced = known.find_onsets(replace=True)
     assert replaced == data.find_onsets()
     still = Dataset([replace(data[3], trigger_index=500)])

@@ -81,7 +81,7 @@ def test_metadata_state_gravity_frame_and_sign(rests, payload):
     ],
 )
 def test_orientations_too_few_or_alike_are_refused(down):
-    with pytest.raises(ValueError, match=r"rests .*mass and bias cannot be told apart.*only a tare"):
+    with pytest.raises(ValueError, match=r"rests .*mass and bias cannot be separated.*only a tare"):
         Payload.fit(simulate_rests(TRUE, down), down)
 
 

@@ -1,4 +1,4 @@
-"""The synthetic pushes obey the physics they are said to; nothing here looks at a classifier."""
+"""The synthetic pushes obey the physics that they claim; nothing here looks at a classifier."""
 
 from __future__ import annotations
 

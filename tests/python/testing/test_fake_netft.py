@@ -13,7 +13,7 @@ from granular_id.testing import FakeNetft, Faults, Injected
 
 
 def sent(faults, seed=0):
-    """All datagrams of a box that is asked for a stream of 500 records, and what went wrong."""
+    """All datagrams of a box from which 500 records are requested, and what went wrong."""
     with FakeNetft(faults=faults, seed=seed, n_records=500) as box:
         return [data for _, data in box._datagrams(1)], box.injected
 

@@ -45,7 +45,7 @@ class Measured:
 
     @cached_property
     def labels_of_one_session(self) -> list[str]:
-        """Labels that cannot be told from their session; none where all of them share one session."""
+        """Labels that cannot be separated from their session; none where all of them share one session."""
         sessions = {
             label: frozenset({self.recordings[i].session for i in group} - {None})
             for label, group in self.labels.items()

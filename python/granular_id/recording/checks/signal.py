@@ -16,7 +16,7 @@ from granular_id.recording.report import subject
 
 # Largest readings per unit: a rod through gravel takes tens of newtons, wrist sensors end at some hundred.
 PLAUSIBLE = {"N": 1000.0, "N m": 100.0}
-# Shorter recordings are not judged by their own extremes: there is no telling what is usual.
+# Shorter recordings are not judged by their own extremes: what is usual is unknown.
 SHORTEST = 30
 # Axes that repeat the reading before in more than this part of the samples are too coarse to judge.
 COARSE = 0.3

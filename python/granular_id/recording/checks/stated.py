@@ -213,7 +213,7 @@ def check_steps(data: Measured) -> Iterator[Finding]:
 
 
 def check_flags(data: Measured) -> Iterator[Finding]:
-    """Count flagged samples, flag by flag: what earlier steps or the sensor itself said about them."""
+    """Count flagged samples, flag by flag: what earlier steps or the sensor itself stated about them."""
     total = sum(r.n_samples for r in data.recordings)
     for bit in SampleFlag:
         counts = {
