@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import runpy
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from granular_id.recording import Setup
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
+from mcap.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from remedies import lines_of, refusal, run
@@ -314,3 +316,19 @@ def test_real_bags_of_a_makers_driver(data_dir):
     assert pressed.n_samples == 2684
     assert np.diff(pressed.time_s).mean() == pytest.approx(0.01, rel=1e-3)
     assert np.abs(pressed.wrench).max() < 200
+
+
+def test_messages_in_json_have_a_line_for_all_files(tmp_path):
+    for i, name in enumerate(("rice_1", "rice_2", "peas_1")):
+        with (tmp_path / f"{name}.mcap").open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            schema = writer.register_schema("Wrench", "jsonschema", b"{}")
+            channel = writer.register_channel("/ft", "json", schema)
+            for k in range(50):
+                row = dict(zip(("fx", "fy", "fz", "tx", "ty", "tz"), (i, 2, 3, 4, 5, k), strict=True))
+                writer.add_message(channel, k * 2_000_000, json.dumps(row).encode(), k * 2_000_000)
+            writer.finish()
+    data = run(lines_of(refusal(tmp_path))[0])
+    assert data.y.tolist() == ["peas", "rice", "rice"]
+    assert data.X[:, 0, 0].tolist() == [2, 0, 1]
