@@ -132,15 +132,11 @@ class _Reading:
             return
         n_axes = len(self._axes)
         holders = [one for one in self._leaves if one.leaf.is_numbers and n_axes in one.leaf.shape[-2:]]
-        places = [
-            place
-            for one in holders
-            if self._about("units", one) is None
-            for place in (one.leaf.about, *one.chain)
-        ]
+        silent = [one for one in holders if self._about("units", one) is None]
+        places = {id(place): place for one in silent for place in (one.leaf.about, *one.chain)}
         named = [
             (name, leaf)
-            for place in places
+            for place in places.values()
             for name, leaf in place.items()
             if UNIT_NAMES.search(name) and name.lower() not in _KNOWN and isinstance(leaf, Leaf)
         ]
@@ -428,16 +424,16 @@ class _Reading:
         texts = _texts(leaf)
         if len(texts) == 1 and (leaf.values.ndim == 0 or n == 1 or what not in ("y", "lengths")):
             return texts * n
-        ids = [
-            other
-            for other in self._leaves
-            if other.leaf.values.dtype.kind in "iu"
-            and other.leaf.shape == one.leaf.shape[:1] == (len(texts),)
-            if other.leaf is not leaf and len(np.unique(other.leaf.read())) < len(texts) / 2
-        ]
-        if what == "y" and n == 1 and ids and self._offers:
-            problem = f"y has a value for each sample of {one.path}, which holds recordings in rows"
-            raise RecordingFileError(self._source.path, [problem, *self.remedy.apart([one], ids[0])])
+        if what == "y" and n == 1 and self._offers and one.leaf.shape[:1] == (len(texts),):
+            ids = [
+                other
+                for other in self._leaves
+                if other.leaf.values.dtype.kind in "iu" and other.leaf.shape == (len(texts),)
+                if other.leaf is not leaf and len(np.unique(other.leaf.read())) < len(texts) / 2
+            ]
+            if ids:
+                problem = f"y has a value for each sample of {one.path}, which holds recordings in rows"
+                raise RecordingFileError(self._source.path, [problem, *self.remedy.apart([one], ids[0])])
         if len(texts) != n:
             problem = (
                 f"{rule or what} has {len(texts)} values, and {one.path} {one.leaf.shape} {n} recordings"

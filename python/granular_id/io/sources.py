@@ -271,7 +271,8 @@ def label_of(path: Path) -> str | None:
 def labels_of(paths: Sequence[Path]) -> list[str | None]:
     """Return what `label_of` each of some files is, where names together show more: which words count runs."""
     stems = [_stem(path) for path in paths]
-    stems = [one if (one := _original(stem)) in stems else stem for stem in stems]
+    known = set(stems)
+    stems = [one if (one := _original(stem)) in known else stem for stem in stems]
     names, before, is_first = stems, list[str](), True
     while is_first or names != before:
         before = names
@@ -461,10 +462,10 @@ def _two_levels(files: Sequence[FileSource]) -> tuple[str, ...]:
     folders = [source.path.parent for source in files]
     is_counted = [all(_ORDERED.fullmatch(one.name) for one in folders)]
     is_counted.append(all(_ORDERED.fullmatch(one.parent.name) for one in folders))
-    is_one_each = len(set(folders)) == len(folders)
-    if is_one_each and all(
+    are_pushes = len(set(folders)) == len(folders) and all(  # rice/rice_1/ft.csv
         _NUMBER.sub("", one.name) == one.parent.name != one.name for one in folders
-    ):  # rice/rice_1/
+    )
+    if are_pushes:
         readings = [
             (f"{outer!r} is the material and {inner!r} a recording", {"label": "parent"}),
             readings[0],

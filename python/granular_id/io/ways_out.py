@@ -103,9 +103,8 @@ def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> li
     """
     label = source.label or source.label_else
     named = {"time": "time", "recording": "id", "label": "label", "session": "session"}
-    if (
-        ".assign(recording=" in mend or ".assign(**{'recording':" in mend
-    ):  # which tells them apart, as the column that was named does not
+    # what a mend makes tells them apart, as the column that was named does not
+    if ".assign(recording=" in mend or ".assign(**{'recording':" in mend:
         del named["recording"]
     given = {"rate_hz": source.rate_hz, "time_unit": source.time_unit}
     given |= {named[what]: name for what, name in source.columns if name is not None and what in named}

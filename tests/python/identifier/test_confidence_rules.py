@@ -241,7 +241,7 @@ def test_load_refuses_what_a_model_cannot_say(identifier, tmp_path, path, value,
 KNOWN, BESIDE = ("clay granules", "fine sugar", "macaroni", "rice"), ("breadcrumbs", "dry peas", "oat flakes")
 
 
-def test_background_is_refused_never_named_and_trains_no_classifier():
+def test_background_is_refused_and_trains_no_classifier():
     """SYNTHETIC pushes of six sessions, then of six others."""
     data, new = (
         gid.synthesize([*KNOWN, *BESIDE], 12, 6, seed=seed, duration_s=1.6, rate_hz=250.0)
