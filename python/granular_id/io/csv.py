@@ -6,24 +6,29 @@ known stand in ``recording/columns.py``. A line 2 whose cells are all units stat
 
 from __future__ import annotations
 
-import codecs
-import csv
-import gzip
-import os
 import re
 import sys
 import warnings
-import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import islice, pairwise
-from pathlib import Path
-from typing import IO, Any, NamedTuple, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._text import UNITS, counted, in_both
+from granular_id.io.csv_head import (
+    NUMERIC,
+    SEPARATORS,
+    Head,
+    cells_of,
+    encoding_of,
+    head_of,
+    lines_of,
+    refuse_half_row,
+)
 from granular_id.io.files import RecordingFileError, need
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.ways_out import frames_line, is_clock, reshaped
@@ -33,32 +38,19 @@ from granular_id.recording import (
     RECORDING,
     SCALED_UNITS,
     SESSION,
+    TIME,
     Table,
     TableError,
     columns_of,
+    factor,
     is_unit,
     meaning_of,
 )
 
-_SEPARATORS = (",", ";", "\t", "|")
 _BY_WIDTH = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}
 _FEW, _MOST_NAMED = 20, 20
 """Rows that are enough to see what a table without axes holds."""
 
-_LONGEST_ROW = 1 << 16
-"""Bytes at the end of a text in which its last row is looked for."""
-
-_HEAD_LINES = 60
-"""Lines in which names of columns are looked for, for an error."""
-
-_MARKS = {
-    codecs.BOM_UTF32_LE: "utf-32",
-    codecs.BOM_UTF32_BE: "utf-32",
-    codecs.BOM_UTF16_LE: "utf-16",
-    codecs.BOM_UTF16_BE: "utf-16",
-    codecs.BOM_UTF8: "utf-8-sig",
-}
-_SEP_LINE = re.compile(r'"?sep=(.)"?')
 _KINDS = r"\b(force|kraft|torque|moment|drehmoment)e?s?"
 _UNITS_ABOVE = re.compile(
     rf'(?:{_KINDS}[\s-]*(?:units?|einheit)\W+|\beinheit\s+{_KINDS}\s*"?[:;=,\t]\W*)(\w[^;,"\t]*)',
@@ -66,7 +58,11 @@ _UNITS_ABOVE = re.compile(
 )
 _KIND_WORDS = re.compile(r"force|torque|kraft|moment|units?\b|einheit|\[|\b[FMT][xyz]\b", re.IGNORECASE)
 _SOME_UNITS = re.compile(r"\W*(?:units?|einheit(?:en)?)\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
-_NUMERIC = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
+_RATE_ABOVE = re.compile(
+    r"\W*(?:(?:sampl\w*|scan|acquisition|data)[\s_-]*)?(?:rate|freq(?:uency)?|abtastrate|abtastfrequenz|fs)\b"
+    r"[^\w-]*(?:(?:in )?hz[^\w-]*)?(\d+(?:\.\d+)?)[^\w.]*(k?hz)?\W*",
+    re.IGNORECASE,
+)
 _COMMENTS = ("#", "%", "!", "/")
 UNNAMED = re.compile(r"Unnamed: (\d+)")
 """What pandas calls a column without a name."""
@@ -88,24 +84,11 @@ _TEXTS = (RECORDING, LABEL, SESSION)
 Columns = dict[str, NDArray[Any]]
 
 
-class _Head(NamedTuple):
-    """How a table begins: options for pandas, the first lines, the names and the number of the line that holds them."""
-
-    path: Path
-    options: dict[str, Any]
-    lines: list[str]
-    names: list[str]
-    line: int
-    below: int  # index of the line of samples that comes first, which may hold units
-    is_whole: bool  # the last line has an end
-    texts: list[int]  # columns that are read as they are written: labels, sessions, ids
-
-
 def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     """Read one file; ``csv`` of the options is passed to ``pandas.read_csv`` as it is."""
     pandas = need("pandas", extra="app", why="to read text tables")
     given = dict(options.csv or {})
-    head = _head(source.path, given)
+    head = head_of(source.path, given)
     if not given.keys() & {"usecols", "converters", "dtype"}:
         of_texts = {name for what, name in source.columns if what in _TEXTS}
         names = [str(name) for name in given.get("names") or head.names]
@@ -120,7 +103,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         if is_plain and not any("\N{REPLACEMENT CHARACTER}" in name for name in head.names):
             # before all of it is read
             columns_of(tuple(filter(None, head.names)), source.axes, source.columns)
-        _refuse_half_row(head)
+        refuse_half_row(head)
         columns, named = _columns(_read(pandas, head), head)
         columns_of(tuple(columns), source.axes, source.columns)
     except TableError as error:
@@ -132,40 +115,24 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         columns = {name: cells[sample_rows] for name, cells in columns.items()}
     if not any(len(cells) for cells in columns.values()):
         raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)
-    table = Table(name=source.name, columns=columns, units=units, clock="time column", csv=given)
+    table = Table(source.name, columns, units=units, clock="time column", csv=given)
+    if not is_clock(list(columns)) and not any(what == TIME for what, _ in source.columns):
+        rate_hz, stated = _rate_above(head)
+        table, named = replace(table, rate_hz=rate_hz), [*named, *stated]
 
     def line_of(row: int) -> int:
         """Return the line of a row; pandas passes over empty ones, and those that are comments."""
         first, comment = head.below + bool(notes), str(head.options.get("comment", "\n"))
-        lines = enumerate(_lines(source.path, head.options.get("encoding"), sys.maxsize))
+        lines = enumerate(lines_of(source.path, head.options.get("encoding"), sys.maxsize))
         rows = (i + 1 for i, line in lines if i >= first and line.strip() and not line.startswith(comment))
         return next(islice(rows, row, None), first + row)
 
     def place(_: int, row: int | None) -> dict[str, Any]:
         return {} if row is None else {"line": line_of(sample_rows[row])}
 
-    for row, (text, has_figures) in no_samples.items():
-        is_silent = any(meaning_of(name).unit is None for name in columns if meaning_of(name).what in AXES)
-        if options.units is None and not units and is_silent and _states_units(text):
-            raise RecordingFileError(
-                source.path,
-                (f"{text[:60]!r} states units; pass ", in_both(units=UNITS), ", those of the axes"),
-                line=line_of(row),
-            )
-        if has_figures:
-            below = row > max(sample_rows, default=0)
-            csv: dict[str, Any] = {"skiprows": [line_of(row) - 1]}
-            csv = {"skipfooter": len(sample_rows) + len(no_samples) - row} if below else csv
-            csv = {"comment": text.strip()[0]} if text.strip().startswith(_COMMENTS) else csv
-            problem = f"{text[:40]!r} is text where others of its column are numbers; if the line is no sample, pass "
-            raise RecordingFileError(source.path, (problem, in_both(csv=csv)), line=line_of(row))
     if no_samples:
-        row, (text, _) = next(iter(no_samples.items()))
-        n = len(no_samples)
-        notes = [
-            *notes,
-            f"{counted(n, 'line')} of text left out, the first is line {line_of(row)}: {text[:40]!r}",
-        ]
+        is_silent = options.units is None and not units and _lacks_units(columns)
+        notes = [*notes, _text_left_out(source, no_samples, sample_rows, line_of, is_silent=is_silent)]
 
     cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
     whole = [] if head.is_whole else [cut]
@@ -178,16 +145,37 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     )
 
 
-def _refuse_half_row(head: _Head) -> None:
-    """Refuse a file whose last row has no end, and fewer cells than the row above."""
-    lines = [] if head.is_whole else list(_lines(head.path, head.options.get("encoding"), sys.maxsize))
-    n_cells = [len(_cells(line, head.options)) for line in lines[-2:]]
-    if len(n_cells) > 1 and len(lines) > head.below + 1 and n_cells[1] < n_cells[0]:
-        problem = f"the file ends in the middle of a row ({n_cells[1]} of {n_cells[0]} cells): it is cut off"
-        raise RecordingFileError(head.path, problem, line=len(lines))
+def _lacks_units(names: Collection[str]) -> bool:
+    """Whether an axis is named without a unit."""
+    return any(meaning_of(name).unit is None for name in names if meaning_of(name).what in AXES)
 
 
-def _opening(head: _Head) -> str:
+def _text_left_out(
+    source: FileSource,
+    texts: Mapping[int, tuple[str, bool]],
+    sample_rows: Sequence[int],
+    line_of: Callable[[int], int],
+    *,
+    is_silent: bool,
+) -> str:
+    """Note lines of text that are left out; refuse those that may be samples, or state units."""
+    for row, (text, has_figures) in texts.items():
+        if is_silent and _states_units(text):
+            way = in_both(units=UNITS)
+            problem = (f"{text[:60]!r} states units; pass ", way, ", those of the axes")
+            raise RecordingFileError(source.path, problem, line=line_of(row))
+        if has_figures:
+            below = row > max(sample_rows, default=0)
+            csv: dict[str, Any] = {"skiprows": [line_of(row) - 1]}
+            csv = {"skipfooter": len(sample_rows) + len(texts) - row} if below else csv
+            csv = {"comment": text.strip()[0]} if text.strip().startswith(_COMMENTS) else csv
+            why = f"{text[:40]!r} is text where others of its column are numbers; if the line is no sample, pass "
+            raise RecordingFileError(source.path, (why, in_both(csv=csv)), line=line_of(row))
+    row, (text, _) = next(iter(texts.items()))
+    return f"{counted(len(texts), 'line')} of text left out, the first is line {line_of(row)}: {text[:40]!r}"
+
+
+def _opening(head: Head) -> str:
     """Return how people read this table in Python."""
     options = head.options.items()
     words = "".join(f", {name}={value!r}" for name, value in options if (name, value) != ("sep", ","))
@@ -196,110 +184,7 @@ def _opening(head: _Head) -> str:
     return f"pandas.read_csv({{}}, index_col=False, skipinitialspace=True{words.replace('{', '{{').replace('}', '}}')})"
 
 
-def _head(path: Path, given: Mapping[str, Any]) -> _Head:
-    """Find encoding, separator and names, as far as the options leave them open."""
-    options: dict[str, Any] = dict(given)
-    begins, is_whole = _both_ends(path)
-    if not begins:
-        raise RecordingFileError(path, "is empty (0 bytes)")
-    mark = next((name for mark, name in _MARKS.items() if begins.startswith(mark)), None)
-    if mark is not None:
-        options.setdefault("encoding", mark)
-    elif "encoding" not in given and b"\0" in begins[:2] and begins[:2] != b"\0\0":
-        encoding = "utf-16-le" if begins[1] == 0 else "utf-16-be"
-        raise RecordingFileError(
-            path, ("may be UTF-16 text: pass ", in_both(csv={"encoding": encoding})), line=1
-        )
-    above = given.get("skiprows", 0)
-    skipped = (
-        range(above) if isinstance(above, int) else above if isinstance(above, (list, tuple, set)) else ()
-    )
-    lines = list(_lines(path, options.get("encoding"), max(skipped, default=0) + _HEAD_LINES))
-    if any("\0" in line for line in lines):
-        raise RecordingFileError(path, "is binary (holds NUL bytes); wanted text", line=1)
-    if not skipped and lines and (stated := _SEP_LINE.fullmatch(lines[0].strip(" "))):
-        options.setdefault("sep", stated[1])
-        options["skiprows"], skipped = 1, range(1)
-    comment = str(given.get("comment") or "\n")
-    shown = ((i, line) for i, line in enumerate(lines) if i not in skipped and line.strip())
-    rows = [i for i, line in shown if not line.startswith(comment)]
-    if not rows:
-        n = sum(1 for line in lines if line.strip())
-        problem = f"holds no line but the {n} that csv= leaves out" if n else "is empty"
-        raise RecordingFileError(path, f"{problem}: no line names the columns", no_wrench=n > 0)
-    i, below = rows[0], rows[0] if given.get("header", 0) is None else (*rows, rows[0] + 1)[1]
-    line = lines[i]
-    if not given.keys() & {"sep", "delimiter"}:
-        by_one = {one: [cell.strip() for cell in line.split(one)] for one in _SEPARATORS}
-        figures = (
-            one for one in (";", "\t") if len(by_one[one]) > 1 and all(map(_NUMERIC.fullmatch, by_one[one]))
-        )
-        options.setdefault("sep", next(figures, max(_SEPARATORS, key=lambda one: len(by_one[one]))))
-        if len(line.split(options["sep"])) < 2 and len(line.split()) > 1:
-            options["sep"] = r"\s+"
-    cells = _cells(line, options)
-    if len(cells) > 1 and "comment" not in given and "names" not in given:
-        cells[0] = cells[0].lstrip("#")  # as numpy.savetxt writes names
-    cells[0] = cells[0].lstrip("%")  # as rostopic does
-    return _Head(path, options, lines, [cell.strip() for cell in cells], i + 1, below, is_whole, [])
-
-
-def _cells(line: str, options: Mapping[str, Any]) -> list[str]:
-    separator = str(options.get("sep", options.get("delimiter")))
-    if len(separator) > 1:
-        cells = re.split(separator, line.strip())
-    else:
-        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
-    return [cell.strip().strip('"').strip() for cell in cells]
-
-
-def _opened(path: Path, mode: str, **how: Any) -> IO[Any]:
-    """Open a text, packed or not."""
-    if path.suffix.lower() == ".gz":
-        return cast("IO[Any]", gzip.open(path, mode, **how))
-    return path.open(mode, **how)
-
-
-def _both_ends(path: Path) -> tuple[bytes, bool]:
-    """Return the first four bytes of a text, and whether its last line has an end."""
-    is_packed = path.suffix.lower() == ".gz"
-    begins, end = _bytes_of(path, 0 if is_packed else 4)
-    return begins, is_packed or end.rstrip(b"\0").endswith((b"\n", b"\r"))
-
-
-def last_width(path: Path) -> int | None:
-    """Return how many cells the last row of a text has; None of those with fewer than there are axes."""
-    lines = _bytes_of(path, _LONGEST_ROW)[1].decode(errors="replace").splitlines()
-    last = next((line for line in reversed(lines) if line.strip()), "")
-    width = max(last.count(separator) for separator in _SEPARATORS) + 1
-    return width if width >= len(AXES) else None
-
-
-def _bytes_of(path: Path, n_last: int) -> tuple[bytes, bytes]:
-    """Return the first four bytes of a text and the last n; of a packed one, which has no end to go to, all."""
-    try:
-        with _opened(path, "rb") as file:
-            begins = file.read(4)
-            if path.suffix.lower() == ".gz":
-                file.seek(0)
-            else:
-                file.seek(-min(n_last, path.stat().st_size), os.SEEK_END)
-            return begins, file.read() if n_last else b""
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingFileError(path, f"cannot be read: {error}") from error
-
-
-def _lines(path: Path, encoding: object, n: int) -> Iterator[str]:
-    """Yield the first lines of a file, whatever their encoding."""
-    try:
-        with _opened(path, "rt", encoding=str(encoding or "utf-8"), errors="replace", newline="") as file:
-            for line in islice(file, n):
-                yield line.rstrip("\r\n")
-    except (OSError, EOFError, LookupError, UnicodeError, zlib.error) as error:
-        raise RecordingFileError(path, f"cannot be read: {error}") from error
-
-
-def _read(pandas: Any, head: _Head, n_rows: int | None = None) -> Any:
+def _read(pandas: Any, head: Head, n_rows: int | None = None) -> Any:
     """Call ``pandas.read_csv``; its errors name the line, and the option that helps where one does."""
     settings: dict[str, Any] = {"index_col": False, "skipinitialspace": True, "nrows": n_rows}
     if head.texts:  # 007 and NA are texts
@@ -314,7 +199,7 @@ def _read(pandas: Any, head: _Head, n_rows: int | None = None) -> Any:
             warnings.simplefilter("error")
             return pandas.read_csv(head.path, **{**settings, **head.options})
     except UnicodeDecodeError as error:
-        encoding = in_both(csv={"encoding": _encoding(head.path)})
+        encoding = in_both(csv={"encoding": encoding_of(head.path)})
         byte = f"byte 0x{error.object[error.start]:02x} is not UTF-8 text; pass "
         raise RecordingFileError(head.path, (byte, encoding, ", or what it was written in")) from error
     except (Warning, Exception) as error:
@@ -330,27 +215,19 @@ def _read(pandas: Any, head: _Head, n_rows: int | None = None) -> Any:
             ]
         if reason.startswith("Length of header or names does not match"):
             reason = f"rows have more cells than line {head.line} has names"
-            first = in_both(csv={"usecols": list(range(len(head.names)))})
+            n, width = len(head.names), len(cells_of("".join(head.lines[head.below :][:1]), head.options))
+            first = in_both(csv={"usecols": list(range(n))})
             way_out = ["; if the first cells are these pass ", first]
+            if width == 2 * n and head.options.get("sep") == ",":
+                way_out = [
+                    ", twice as many: commas stand between cells and for the point; wanted another separator"
+                ]
         no_wrench = not any(meaning_of(name).what in AXES for name in head.names)
         problem = [f"is no table that pandas.read_csv reads: {reason}", *way_out]
         raise RecordingFileError(head.path, problem, no_wrench=no_wrench) from error
 
 
-def _encoding(path: Path) -> str:
-    """Return the first usual encoding that a file may be in."""
-    with _opened(path, "rb") as file:
-        data = file.read()
-    for encoding in ("cp1252", "cp932", "gb18030"):
-        try:
-            data.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-        return encoding
-    return "latin-1"
-
-
-def _columns(frame: Any, head: _Head) -> tuple[Columns, list[str]]:
+def _columns(frame: Any, head: Head) -> tuple[Columns, list[str]]:
     """Return the columns under their names; those without a name number the rows, are a clock, or are refused."""
     columns: Columns = {}
     notes: list[str] = []
@@ -403,7 +280,7 @@ def _counts(cells: NDArray[Any]) -> bool:
     return cells.dtype.kind in "iu" and all(b in (0, a + 1) for a, b in pairwise(cells.tolist()))
 
 
-def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]]:
+def _units(head: Head, options: LoadOptions) -> tuple[dict[str, str], list[str]]:
     """Return units that stand in a line below the names, which is then left out, or above them; and a note on the line.
 
     Those that are not understood are refused.
@@ -414,9 +291,9 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
         units |= dict.fromkeys(alike, found[3].strip())
     names = [str(name) for name in head.options.get("names") or head.names]
     line = "".join(head.lines[head.below : head.below + 1])
-    texts = {name: cell for name, cell in zip(names, _cells(line, head.options), strict=False) if cell}
+    texts = {name: cell for name, cell in zip(names, cells_of(line, head.options), strict=False) if cell}
     above = head.options.get("skiprows", 0)
-    words = [text for text in texts.values() if not _NUMERIC.fullmatch(text)]
+    words = [text for text in texts.values() if not NUMERIC.fullmatch(text)]
     if words and len(words) == len(texts) and all(map(is_unit, words)) and not callable(above):
         head.options["skiprows"] = [*(range(above) if isinstance(above, int) else above), head.below]
         own = {name: text.strip("[]()") for name, text in texts.items()}
@@ -424,11 +301,11 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
     of_labview = next((one for one in head.lines[: head.line - 1] if one.startswith("Y_Unit_Label")), None)
     if of_labview is not None:  # a cell for each column behind the clock
         channels = [name for name in names[1:] if name != "Comment"]
-        stated = list(filter(None, _cells(of_labview, head.options)[1:]))
+        stated = list(filter(None, cells_of(of_labview, head.options)[1:]))
         if len(stated) == len(channels):
             units |= dict(zip(channels, stated, strict=True))
     named = [name for name in names if meaning_of(name).what in AXES]
-    silent = options.units is None and not units and any(meaning_of(name).unit is None for name in named)
+    silent = options.units is None and not units and _lacks_units(named)
     for i, before in enumerate(head.lines[: head.line - 1], 1):
         some = _SOME_UNITS.fullmatch(before.strip())
         states = some is not None and any(map(is_unit, re.findall(r"[^\s,;/\"':=]+", some[1])))
@@ -449,13 +326,22 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
     return units, []
 
 
+def _rate_above(head: Head) -> tuple[float | None, list[str]]:
+    """Return the rate that a line above the names states, and a note on it."""
+    for i, line in enumerate(head.lines[: head.line - 1], 1):
+        if (found := _RATE_ABOVE.fullmatch(line)) is not None and float(found[1]) > 0:
+            rate_hz = float(found[1]) * (factor(found[2] or "Hz", "Hz") or 1.0)
+            return rate_hz, [f"{rate_hz:g} Hz, as line {i} states: {line.strip()[:40]!r}"]
+    return None, []
+
+
 def _states_units(text: str) -> bool:
     """Whether a line says that forces or torques are in other units than N and N m: not that a bag weighs 2 lb."""
     plain = re.sub(r"\d[\d.,]*\s*[^\W\d_]+", "", text)
     return bool(_KIND_WORDS.search(plain) and SCALED_UNITS.search(plain))
 
 
-def _other_names(pandas: Any, head: _Head, error: TableError, source: FileSource) -> RecordingFileError:
+def _other_names(pandas: Any, head: Head, error: TableError, source: FileSource) -> RecordingFileError:
     """Say what reads a table whose names are not those of the axes."""
     known = [what for name in head.names if (what := meaning_of(name).what) in AXES]
     with suppress(TableError):
@@ -478,7 +364,7 @@ def _other_names(pandas: Any, head: _Head, error: TableError, source: FileSource
     return RecordingFileError(head.path, (*error.parts, *way_out), line=head.line, no_wrench=not known)
 
 
-def _renamed(head: _Head, error: TableError) -> list[str]:
+def _renamed(head: Head, error: TableError) -> list[str]:
     """Say how columns are named anew: six or seven in the order of the axes, or those whose unit is not known."""
     names = [name for name in head.names if name]
     if "the unit of column" in str(error):
@@ -494,10 +380,12 @@ def _renamed(head: _Head, error: TableError) -> list[str]:
     if not any(units) and not {*known} & {*AXES}:
         return []
     first = dict(
-        zip(head.names, _cells("".join(head.lines[head.below : head.below + 1]), head.options), strict=False)
+        zip(
+            head.names, cells_of("".join(head.lines[head.below : head.below + 1]), head.options), strict=False
+        )
     )
     if any(
-        what is None and not _NUMERIC.fullmatch(first.get(name, ""))
+        what is None and not NUMERIC.fullmatch(first.get(name, ""))
         for name, what in zip(names, known, strict=True)
     ):
         return []
@@ -514,25 +402,25 @@ def _renamed(head: _Head, error: TableError) -> list[str]:
     return ["; if its columns are these, pass ", in_both(**way)]
 
 
-def _line_of_names(head: _Head, axes: tuple[str, ...] | None) -> int | None:
+def _line_of_names(head: Head, axes: tuple[str, ...] | None) -> int | None:
     """Return how many lines stand above one that names all axes, or is followed by as many numbers."""
     split = [
         (i, [[cell.strip(' "') for cell in one.split(separator)] for one in head.lines[i : i + 4]])
         for i in range(len(head.lines))
-        for separator in _SEPARATORS
+        for separator in SEPARATORS
     ]
     for i, (names, *_) in split:
         with suppress(TableError):
             columns_of(tuple(names), axes)
             return i
     for i, (names, *rows) in split:
-        numbers = [sum(map(bool, map(_NUMERIC.fullmatch, row))) for row in rows if len(row) == len(names)]
-        if len(numbers) == 3 and min(numbers) >= len(AXES) and not any(map(_NUMERIC.fullmatch, names)):
+        numbers = [sum(map(bool, map(NUMERIC.fullmatch, row))) for row in rows if len(row) == len(names)]
+        if len(numbers) == 3 and min(numbers) >= len(AXES) and not any(map(NUMERIC.fullmatch, names)):
             return i
     return None
 
 
-def _names_given(head: _Head) -> list[str]:
+def _names_given(head: Head) -> list[str]:
     """Say how to name six or seven columns of numbers, where no line has a name for each."""
     separator = str(head.options.get("sep", ","))
     pattern = re.escape(separator) if len(separator) == 1 else separator
@@ -540,9 +428,9 @@ def _names_given(head: _Head) -> list[str]:
         cells = [cell.strip() for cell in re.split(pattern, line)]
         cells = cells[:-1] if cells and not cells[-1] else cells
         names = _BY_WIDTH.get(len(cells))
-        if names is None or not all(map(_NUMERIC.fullmatch, cells)):
+        if names is None or not all(map(NUMERIC.fullmatch, cells)):
             continue
-        own = {name for name in head.names if name and not _NUMERIC.fullmatch(name)}
+        own = {name for name in head.names if name and not NUMERIC.fullmatch(name)}
         if len(own) >= len(cells):
             return []
         skipped = {"skiprows": i} if i else {}
@@ -551,7 +439,7 @@ def _names_given(head: _Head) -> list[str]:
     return []
 
 
-def _axes_given(pandas: Any, head: _Head, source: FileSource) -> list[str]:
+def _axes_given(pandas: Any, head: Head, source: FileSource) -> list[str]:
     """Say which columns of numbers may be other axes: ids, positions, temperatures and clocks are none."""
     columns, _ = _columns(_read(pandas, head, _FEW), head)
     if mend := reshaped(columns):
@@ -559,8 +447,8 @@ def _axes_given(pandas: Any, head: _Head, source: FileSource) -> list[str]:
     numbers = [
         name
         for name, cells in columns.items()
-        if cells.dtype.kind in "iuf" or all(_NUMERIC.fullmatch(str(cell)) for cell in cells)
-        if not _NUMERIC.fullmatch(name) and meaning_of(name).what is None
+        if cells.dtype.kind in "iuf" or all(NUMERIC.fullmatch(str(cell)) for cell in cells)
+        if not NUMERIC.fullmatch(name) and meaning_of(name).what is None
     ]
     clock = {}
     if numbers and not is_clock(list(columns)):

@@ -21,6 +21,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from granular_id._core import GranularIdError
+from granular_id.io.csv_head import encoding_of
 from granular_id.io.files import RecordingFileError, attempt
 from granular_id.io.flat import checked_history, history_json
 from granular_id.io.source import FileSource
@@ -47,7 +48,7 @@ def read_index(
 ) -> tuple[list[str], list[FileSource]]:
     """Return the columns of the index of a folder, and what it lists; lines that cannot be used go to `problems`."""
     path = root / INDEX_NAME
-    rows = _rows(path)
+    rows = _rows(path, notes)
     line, names = next(rows, (1, None))
     if names is None:
         raise RecordingFileError(path, "is empty (0 bytes)")
@@ -94,7 +95,7 @@ def column_of_files(path: Path, names: Collection[str]) -> tuple[str, str] | Non
     if path.suffix.lower() != ".csv":
         return None
     with suppress(RecordingFileError, ValueError):
-        (_, columns), (_, cells) = islice(_rows(path), 2)
+        (_, columns), (_, cells) = islice(_rows(path, []), 2)
         if not {meaning_of(column).what for column in columns} & {LABEL, SESSION}:
             return None  # results, as a mean of each
         for column, cell in zip(columns, cells, strict=True):
@@ -120,14 +121,14 @@ def write_history(dataset: Dataset, folder: Path) -> None:
         (folder / HISTORY_NAME).write_text(history_json(dataset), encoding="utf-8")
 
 
-def _rows(path: Path) -> Any:
+def _rows(path: Path, notes: list[str]) -> Any:
     """Yield the number and the cells of each line that is not empty."""
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        encoding = encoding_of(path)
+        text = path.read_bytes().decode(encoding)
     except OSError as error:
         raise RecordingFileError(path, f"cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise RecordingFileError(path, f"is not UTF-8 text: {error.reason}") from error
+    notes += [] if encoding.startswith("utf") else [f"{path.name} is no UTF-8 text: read as {encoding}"]
     head = text.partition("\n")[0]
     separator = next((one for one in (",", ";", "\t") if one in head), ",")
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)

@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -15,15 +15,22 @@ from typing import Any, Literal
 from granular_id._checks import argument_error, whole_number
 from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback, check_progress, showing
-from granular_id._text import alternatives, counted, in_both, typed
-from granular_id.io.csv import last_width
+from granular_id._text import counted
+from granular_id.io.csv_head import last_width
 from granular_id.io.files import RecordingFileError, check_place, failed
 from granular_id.io.index import INDEX_NAME
-from granular_id.io.source import FileContent, FileSource, LoadOptions, likeliest_first
+from granular_id.io.label_notes import (
+    labels_of_one,
+    other_sessions,
+    pauses_in,
+    place_note,
+    refuse_labels_of_files,
+    refuse_labels_of_table,
+)
+from granular_id.io.source import FileContent, FileSource, LoadOptions, ReadFile
 from granular_id.io.sources import find_sources, format_of, listed, placed
 from granular_id.io.ways_out import with_all_wanted
 from granular_id.recording import (
-    SESSION_MAY_BE,
     Dataset,
     Made,
     StepReport,
@@ -168,8 +175,8 @@ def load(
     reading = _Reading(path, options)
     reads = list(reading.files(progress, parts=False))
     if any(read.may_be_labels for read in reads):
-        reading.refuse_labels_unread(reads)
-    return reading.dataset(reads, notes=_labels_of_one(reads))
+        refuse_labels_of_files(path, reads)
+    return reading.dataset(reads, notes=pauses_in(reads) or labels_of_one(reads))
 
 
 def load_parts(
@@ -226,7 +233,7 @@ def load_parts(
 
 
 def _parts(reading: _Reading, most: int, progress: bool | ProgressCallback) -> Iterator[Dataset]:
-    waiting: list[_Read] = []
+    waiting: list[ReadFile] = []
     for read in reading.files(progress, parts=True):
         waiting.append(read)
         while sum(len(each.recordings) for each in waiting) > most:
@@ -236,16 +243,7 @@ def _parts(reading: _Reading, most: int, progress: bool | ProgressCallback) -> I
         yield reading.dataset(waiting)
 
 
-@dataclass
-class _Read(Made):
-    """What a file, or a piece of one, became."""
-
-    source: FileSource = field(kw_only=True)
-    orders: Sequence[str] = ()
-    history: Sequence[StepReport] = ()
-
-
-def _split(reads: Sequence[_Read], n: int) -> tuple[list[_Read], list[_Read]]:
+def _split(reads: Sequence[ReadFile], n: int) -> tuple[list[ReadFile], list[ReadFile]]:
     """Part the first n recordings from the others; what is remarked on a file goes with the first of it."""
     now, rest = [], []
     for read in reads:
@@ -280,7 +278,7 @@ class _Reading:
                 problem = f"must be left out where no file is {what}: {came}"
                 raise argument_error(GranularIdError, name, problem)
 
-    def files(self, progress: bool | ProgressCallback, *, parts: bool) -> Iterator[_Read]:
+    def files(self, progress: bool | ProgressCallback, *, parts: bool) -> Iterator[ReadFile]:
         """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""
         found, problems, skips = self._found, self._problems, self._options.on_error == "skip"
         if found.problems and not skips:
@@ -307,7 +305,7 @@ class _Reading:
             problem = f"none of {counted(len(every))} could be read; the first problem: {every[0]}"
             raise RecordingFileError(self._root, problem) from every[0]
 
-    def _pieces(self, source: FileSource, *, parts: bool) -> Iterator[_Read]:
+    def _pieces(self, source: FileSource, *, parts: bool) -> Iterator[ReadFile]:
         """Read a file of any format, piece by piece where it has pieces; what cannot be read is raised, or listed."""
         known, whole = format_of(source.path), True
         if known is None:
@@ -361,20 +359,6 @@ class _Reading:
         self._problems += [error for error, _ in alike]
         self._beside = [one for one in self._beside if one not in alike]
 
-    def refuse_labels_unread(self, reads: Sequence[_Read]) -> None:
-        """Refuse files of one recording each that one column may label, where their places say nothing or one thing."""
-        for read in reads:
-            labels = {recording.label for recording in read.recordings}
-            stated = read.source.label_known is not None or read.source.label_from is not None
-            if stated or labels - {None, read.source.label_else}:
-                return
-        names = set(reads[0].may_be_labels).intersection(*(read.may_be_labels for read in reads))
-        texts = {
-            name: [text for read in reads for text in read.may_be_labels[name]] for name in sorted(names)
-        }
-        if ways := _ways_to_labels(texts, reads[0].source):
-            raise RecordingFileError(self._root, ways)
-
     def _complete(self, error: RecordingFileError, source: FileSource) -> RecordingFileError:
         return with_all_wanted(error, source, self._options, partial(_tried, source))
 
@@ -387,7 +371,7 @@ class _Reading:
                 return True
         return after > 1
 
-    def dataset(self, reads: Sequence[_Read], notes: Sequence[str] = ()) -> Dataset:
+    def dataset(self, reads: Sequence[ReadFile], notes: Sequence[str] = ()) -> Dataset:
         """Put together what was read since the last time, with a report."""
         whole = Made(
             [r for read in reads for r in read.recordings], [row for read in reads for row in read.rows]
@@ -401,8 +385,8 @@ class _Reading:
         notes = [note if count == 1 else f"{note} ({count} files)" for note, count in counts.items()]
         notes = [*self._found.notes, *notes]
         if not self._places_noted:  # with the first piece, for all
-            places = [_place_note(what, reads, self._alone) for what in ("label", "session")]
-            places.append(_other_sessions(reads))
+            places = [place_note(what, reads, self._alone) for what in ("label", "session")]
+            places.append(other_sessions(reads))
             notes = [*first, *filter(None, places), *notes]
         if self._beside:
             names = [source.path.name for _, source in self._beside]
@@ -446,9 +430,9 @@ def _tried(source: FileSource, options: LoadOptions) -> None:
             raise failed(source.path, f"reading it as {known.name}", reason) from reason
 
 
-def _made(content: FileContent, source: FileSource) -> _Read:
+def _made(content: FileContent, source: FileSource) -> ReadFile:
     """Make the recordings of what a reader found."""
-    read = _Read(
+    read = ReadFile(
         rows=content.rows, notes=content.notes, source=source, orders=content.orders, history=content.history
     )
     read.may_be_sessions = content.may_be_sessions
@@ -464,7 +448,7 @@ def _made(content: FileContent, source: FileSource) -> _Read:
             lines = content.in_python(error.mend) if error.mend else []
             raise RecordingFileError(source.path, [*error.parts, *lines], **place) from error
         if made.may_be_labels or made.label_mend or made.may_be_several:
-            _refuse_labels_unread(made, content, source)
+            refuse_labels_of_table(made, content, source)
         read.may_be_labels = made.may_be_labels or content.may_be_labels
         for name, texts in made.may_be_sessions.items():
             read.may_be_sessions.setdefault(name, []).extend(texts)
@@ -478,129 +462,3 @@ def _made(content: FileContent, source: FileSource) -> _Read:
     if source.two_meanings is not None and any(recording.label is None for recording in read.recordings):
         raise RecordingFileError(source.root, source.two_meanings)
     return read
-
-
-def _refuse_labels_unread(made: Made, content: FileContent, source: FileSource) -> None:
-    """Refuse a table of several recordings whose labels nothing states, but perhaps a column that is not read."""
-    if source.label is not None or source.label_from is not None:
-        return
-    if ways := _ways_to_labels(made.may_be_labels, source):
-        raise RecordingFileError(source.path, ways)
-    if made.may_be_several and source.label_known is None:
-        columns = ", ".join(repr(way["label"].removeprefix("column:")) for way in made.may_be_several)
-        problem = f"{columns} may hold the labels of several recordings: pass "
-        ways = alternatives(in_both(**way) for way in (*made.may_be_several, {"label": source.place_rule}))
-        raise RecordingFileError(source.path, (problem, *ways))
-    if made.label_mend:
-        problem = f"ids of recordings may hold their labels; if not, pass {in_both(label=source.place_rule)}"
-        raise RecordingFileError(source.path, (problem, *content.in_python(made.label_mend)))
-
-
-def _ways_to_labels(texts: Mapping[str, Sequence[str]], source: FileSource) -> list[str]:
-    """Say which columns may hold the labels: those with one value for several recordings, but not for all."""
-    kinds = {f"column:{name}": set(each) for name, each in texts.items() if 1 < len(set(each)) < len(each)}
-    if not kinds:
-        return []
-    names = ", ".join(repr(rule.removeprefix("column:")) for rule in kinds)
-    problem = f"{names} may hold the labels, which are read from 'label' or 'material' (of arrays 'y'): pass "
-    rules = likeliest_first({**kinds, source.place_rule: range(source.n_labels)})
-    return [problem, *alternatives(in_both(label=rule) for rule in rules)]
-
-
-def _labels_of_one(reads: Sequence[_Read]) -> list[str]:
-    """Say where most labels are of one recording only, and which folder, column or entry of meta may be the label."""
-    recordings = [(recording, read.source) for read in reads for recording in read.recordings]
-    counts = Counter(recording.label for recording, _ in recordings if recording.label is not None)
-    single = [label for label, count in counts.items() if count == 1]
-    if len(counts) < 2 or 2 * len(single) <= len(counts):
-        return _labels_in_pairs(reads)
-    values: dict[str, list[str | None]] = {
-        "file": [source.name_label for _, source in recordings],
-        "folder": [source.path.parent.name if "/" in source.name else None for _, source in recordings],
-        "parent": [
-            source.path.parent.parent.name if source.name.count("/") > 1 else None for _, source in recordings
-        ],
-    }
-    for read in reads:
-        for name, texts in read.may_be_labels.items():
-            values.setdefault(f"column:{name}", []).extend(texts)
-    for name in sorted(recordings[0][0].meta.keys() - {"read_as"}):
-        values[f"meta:{name}"] = [
-            text if isinstance(text := recording.meta.get(name), str) else None for recording, _ in recordings
-        ]
-    rules = likeliest_first(
-        {
-            rule: set(texts)
-            for rule, texts in values.items()
-            if None not in texts and len(texts) == len(recordings) and 1 < len(set(texts)) <= len(texts) / 2
-        }
-    )
-    some = ", ".join(map(repr, single[:_EXAMPLES])) + ", ..." * (len(single) > _EXAMPLES)
-    pass_one = (
-        "".join(["pass ", *alternatives(in_both(label=rule) for rule in rules), "; or "]) if rules else ""
-    )
-    return [
-        f"{len(single)} of {counted(len(counts), 'label')} have one recording only ({some}), and nothing to test with: "
-        f"where they are no materials, {pass_one}name files after them, or list file and label in an index.csv"
-    ]
-
-
-def _labels_in_pairs(reads: Sequence[_Read]) -> list[str]:
-    """Say where labels that places say are pairs of words of which each is in several: ``anna_rice``."""
-    labels = {read.source.label_else for read in reads if read.source.label is None} - {None}
-    split = [re.fullmatch(r"([^\W_]+)[\W_]+(.+)", str(label)) for label in labels]
-    pairs = [(one[1], one[2]) for one in split if one is not None]
-    firsts, seconds = (sorted({pair[i] for pair in pairs}) for i in (0, 1))
-    if (
-        len(pairs) < len(labels)
-        or min(len(firsts), len(seconds)) < 2
-        or len(pairs) < len(firsts) * len(seconds)
-    ):
-        return []
-    return [
-        f"labels are pairs of {', '.join(firsts[:_EXAMPLES])} and {', '.join(seconds[:_EXAMPLES])}, each a material; "
-        "where one of the two is none (a person, a speed), list file and label in an index.csv"
-    ]
-
-
-def _other_sessions(reads: Sequence[_Read]) -> str | None:
-    """Say which column, array or folder may hold sessions, where none is known, or all have one, or each its own."""
-    known = [recording.session for read in reads for recording in read.recordings]
-    sources = [read.source for read in reads for _ in read.recordings]
-    if 1 < len(set(known)) < len(known):
-        return None
-    values: dict[str, list[str]] = {}
-    for read in reads:
-        for name, texts in read.may_be_sessions.items():
-            values.setdefault(f"column:{name}", []).extend(texts)
-    folder = "parent" if all(source.label_place == "folder" for source in sources) else "folder"
-    depth = 2 if folder == "parent" else 1
-    if all(source.name.count("/") >= depth for source in sources):
-        values[folder] = [source.name.split("/")[-1 - depth] for source in sources]
-    rules = [
-        rule
-        for rule, texts in values.items()
-        if len(texts) == len(known) and 1 < len(set(texts)) < len(texts)
-    ]
-    return SESSION_MAY_BE + " or ".join(typed(session=rule).strip("()") for rule in rules) if rules else None
-
-
-def _place_note(what: str, reads: Sequence[_Read], alone: bool) -> str | None:
-    """Say where labels or sessions were taken from, with a few examples."""
-    examples: dict[str, dict[str, str]] = {}
-    for read in reads:
-        for recording in read.recordings:
-            text = getattr(recording, what)
-            stated, other = getattr(read.source, what), getattr(read.source, f"{what}_else")
-            place = getattr(read.source, f"{what}_place")
-            known = stated is not None or (other is not None and other == text) or ":" in place
-            if text is not None:
-                of_place = examples.setdefault(place if known else "what the file says", {})
-                of_place.setdefault(text, read.source.name)
-    if not examples:
-        return None if alone else f"{what}: not known"
-    parts = []
-    for place, texts in examples.items():
-        some = ", ".join(f"{text!r:.40} of {name}" for text, name in list(texts.items())[:_EXAMPLES])
-        parts.append(f"{place} ({some}{', ...' if len(texts) > _EXAMPLES else ''})")
-    return f"{what}: {'; '.join(parts)}"

@@ -14,6 +14,7 @@ from granular_id.recording import (
     AXES,
     RECORDING,
     TIME,
+    Made,
     Recording,
     Stated,
     StepReport,
@@ -32,7 +33,7 @@ NO_MATERIAL = frozenset(
 
 SESSION_LIKE = re.compile(
     r"(\d{2,4}[-_.]\d{1,2}[-_.]\d{1,4}.*|\d{8}|(mon|tues|wednes|thurs|fri|satur|sun)day|"
-    r"train(ing)?|test(ing)?|val(id|idation)?|raw|csv|data(set)?s?|recordings?|measurements?|"
+    r"train(ing)?|test(ing)?|val(id|idation)?|raw|csv|([a-z]+[\s_-])?data(set)?s?|recordings?|measurements?|"
     r"logs?|files?|date|(session|day|week|run|trial|take|batch|exp|experiment|"
     r"person|subject|participant|operator|user|robot|rig)[\s_-]*\w{0,3})",
     re.IGNORECASE,
@@ -168,3 +169,12 @@ class FileContent:
     may_be_sessions: dict[str, list[str]] = field(default_factory=dict)
     place: Callable[[int, int | None], dict[str, Any]] = lambda _table, _row: {}
     in_python: Callable[[str], Sequence[str]] = lambda _mend: ()
+
+
+@dataclass
+class ReadFile(Made):
+    """What a file, or a piece of one, became."""
+
+    source: FileSource = field(kw_only=True)
+    orders: Sequence[str] = ()
+    history: Sequence[StepReport] = ()

@@ -23,6 +23,7 @@ from granular_id.recording.columns import (
     cell_text as cell_text,
     column_names as column_names,
     columns_of as columns_of,
+    factor as factor,
     is_unit as is_unit,
     meaning_of as meaning_of,
     refuse_tables as refuse_tables,
@@ -48,7 +49,7 @@ from granular_id.recording.conversion import (
     to_recordings as to_recordings,
 )
 from granular_id.recording.dataset import Dataset
-from granular_id.recording.frames import names_in as names_in
+from granular_id.recording.frames import names_in as names_in, stated_beside as stated_beside
 from granular_id.recording.onset import ONSET_STEP as ONSET_STEP
 from granular_id.recording.payload import Payload
 from granular_id.recording.recording import (

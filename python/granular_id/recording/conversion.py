@@ -58,6 +58,9 @@ _PAUSE = 50
 _MANY = 5
 """Rows of a stretch, in the mean, that may be a recording."""
 
+_THOUSANDS = 0.1
+"""The part by which a thousandth may be off the stamp before."""
+
 _ID_END = r"[\W_]*\d*(\.\w+)?$"
 
 
@@ -121,7 +124,8 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
         _texts_of(picked.columns[what]) for what in (RECORDING, LABEL, SESSION) if what in picked.columns
     ]
     if (texts[0] == "").any():
-        mend = f".dropna(subset=[{picked.called[RECORDING]!r}])"
+        own = picked.called[RECORDING]
+        mend = f".replace({{{own!r}: {{'': None}}}}).dropna(subset=[{own!r}])"
         row = int((texts[0] == "").argmax())
         raise TableError("the cell is empty", row, picked.called[RECORDING], mend=mend)
     found = np.unique(np.column_stack(texts), axis=0, return_index=True, return_inverse=True)
@@ -338,6 +342,7 @@ class _Part:
                 raise TableError(self._no_clock())
             return rate_hz, None, None
         clock = self._columns.get(TIME)
+        self._refuse_points_in_stamps(stamps)
         counted = stated.time_unit == "sample"  # then the rate makes the clock
         stated_hz = None if clock is None or counted else stated.rate_hz
         order = time_order(
@@ -367,6 +372,17 @@ class _Part:
         elif stamps.first_s and stamps.first_s <= SINCE_1970:
             self.remarks["first_stamp_s"] = stamps.first_s
         return rate_hz, None if rate_hz is not None else stamps.time_s, first_s
+
+    def _refuse_points_in_stamps(self, stamps: Stamps) -> None:
+        """Refuse 999 and then 1.000 where a comma is the decimal mark: the point stands between thousands."""
+        csv = self._table.csv or {}
+        back = np.flatnonzero(np.diff(stamps.time_s) < 0)
+        if csv.get("decimal") != "," or "thousands" in csv or not len(back):
+            return
+        before, after = stamps.first_s + stamps.time_s[back[0] : back[0] + 2]
+        if before and abs(1000 * after / before - 1) < _THOUSANDS:
+            problem = "stamps run back, as points between thousands make them: pass "
+            raise TableError((problem, in_both(csv={"thousands": "."})), int(back[0]) + 1)
 
     def _ways_apart(self, begins: set[int]) -> tuple[tuple[str, ...], str]:
         """Return the option that tells recordings apart whose clocks begin anew, or methods that do."""
@@ -506,7 +522,8 @@ def restated(recording: Recording, stated: Stated) -> Recording:
     if stated.rate_hz is not None and recording.rate_hz is not None:
         agreed_rate(stated.rate_hz, recording.rate_hz, recording.name)
     changed = {name: getattr(stated, name) for name in ("start_time", "trigger_index", "label", "session")}
-    meta = {**recording.meta, **stated.meta}
+    # how the file was read is known already, and these options did not read it
+    meta = {**recording.meta, **{key: value for key, value in stated.meta.items() if key != "read_as"}}
     for name in ("label", "session"):
         place, other = getattr(stated, f"{name}_from"), getattr(stated, f"{name}_else")
         if name in dict(stated.columns):

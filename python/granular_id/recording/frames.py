@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -96,10 +98,13 @@ def recordings_of_frames(
         Table(
             name=called[i] or ("frames" if one else f"recording {i + 1}"),
             columns=columns_in(frame, "frames" if one else f"frames[{i}]"),
+            units=units,
+            beside=beside,
             label=known[i],
             session=days[i],
         )
         for i, frame in enumerate(every)
+        for units, beside in [stated_beside(frame)]
     ]
     return _made(tables, stated, "frames", "from_frames", {"of": "frames", **columns, "axes": stated.axes})
 
@@ -135,6 +140,31 @@ def columns_in(frame: Any, argument: str = "frame") -> dict[str, NDArray[Any]]:
     if rows == (0,):
         raise argument_error(GranularIdError, argument, "has no rows; wanted a row a sample")
     return columns
+
+
+def stated_beside(frame: Any) -> tuple[dict[str, str], dict[str, Any]]:
+    """Return units of columns, and all else that stands beside a table: attributes of pandas, metadata of pyarrow."""
+    beside = dict(getattr(frame, "attrs", None) or {})
+    schema: Any = getattr(frame, "schema", None)
+    units: dict[str, str] = {}
+    if hasattr(schema, "metadata"):
+        beside |= _texts_in(schema.metadata)
+        with suppress(json.JSONDecodeError, TypeError, ValueError):
+            beside |= dict(json.loads(beside.pop("PANDAS_ATTRS", "{}")))
+        for field in schema:
+            about = {key.lower(): text.strip() for key, text in _texts_in(field.metadata).items()}
+            units |= {field.name: unit} if (unit := about.get("units") or about.get("unit")) else {}
+    for name in ("units", "unit"):
+        if isinstance(beside.get(name), Mapping):
+            units = {str(column): str(unit) for column, unit in beside.pop(name).items()} | units
+    return units, beside
+
+
+def _texts_in(metadata: Mapping[bytes, bytes] | None) -> dict[str, str]:
+    return {
+        key.decode("utf-8", "replace"): text.decode("utf-8", "replace")
+        for key, text in (metadata or {}).items()
+    }
 
 
 def _plain(column: Any) -> NDArray[Any]:

@@ -48,6 +48,9 @@ class Table:
     values: NDArray[Any] | None = None  # (T, C), in place of `columns`
     axes: tuple[str, ...] | None = None  # names of the columns of `values`
     units: Mapping[str, str] = field(default_factory=dict)  # stated beside the names, by column or axis
+    beside: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # metadata that are not read, but must not state units
     stamps: NDArray[Any] | None = None  # the clock of `values`: seconds, or numpy's dates
     rate_hz: float | None = None
     label: str | None = None
@@ -113,7 +116,7 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
     if stated.units is None and not table.units and not all(meaning_of(called[axis]).unit for axis in axes):
         one_each = [name for name in cells if UNIT_NAMES.search(name) and len(set(cells[name].tolist())) == 1]
         of_columns = {name: cell_text(cells[name][0]) for name in one_each}
-        refuse_units_unread({**table.meta, **stated.meta, **of_columns})
+        refuse_units_unread({**table.meta, **stated.meta, **table.beside, **of_columns})
     scales, units, notes = _units_of(axes, called, table, stated)
     columns = {what: cells[name] for what, name in called.items() if what not in axes}
     time_unit = None if TIME not in called else table.units.get(called[TIME]) or meaning_of(called[TIME]).unit

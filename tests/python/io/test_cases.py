@@ -158,7 +158,11 @@ def test_pauses_stay_in_the_stamps_and_no_rate_closes_them(tmp_path):
     recording = load(tmp_path / "a.csv")[0]
     np.testing.assert_allclose(recording.time_s, stamps)
     refused(tmp_path / "a.csv", r"a pause of 90.5 s, .*\.split\(gap_s=1\)", rate_hz=500)
-    parts = load(tmp_path / "a.csv").split(gap_s=1)
+    data = load(tmp_path / "a.csv")
+    assert data.history[-1].notes[0] == (
+        "1 recording has pauses of up to 90.5 s: .split(gap_s=1) makes a recording of each stretch (--split-gap-s 1)"
+    )
+    parts = data.split(gap_s=1)
     assert (len(parts), parts.rate_hz, parts[2].n_samples) == (3, 500, 40)
 
 

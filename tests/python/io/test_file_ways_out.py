@@ -85,6 +85,8 @@ def in_semicolons(text):
 
 NAMES = ["time", *AXES]
 IN_MILLI = ["time", *(f"{axis} [mN{' m' * (axis[0] == 't')}]" for axis in AXES)]
+IN_POINTS = [f"1.{stamp - 1000:03d}" if stamp > 999 else stamp for stamp in range(960, 1080, 2)]
+ROWS = [line.partition(";")[2] for line in in_semicolons(lines(table()))[1:]]
 IN_NMM = lines(table(scale=[1, 1, 1, 1e3, 1e3, 1e3]))
 IN_MN = ["Y_Unit_Label", *["mN"] * 3, *["N mm"] * 3]
 IN_POUNDS = [1 / POUND] * 3 + [1 / INCH_POUND] * 3
@@ -112,6 +114,11 @@ CASES = {
     "packets of four": (lines(table(time=np.arange(60) // 4 * 4 / RATE)), [], {}),
     "no clock": (lines(table()[AXES]), [], {}),
     "points between thousands": ([";".join(IN_MILLI), *map(with_points, range(60), 1000 * W)], [], {}),
+    "points between thousands of stamps": (
+        ["time [ms];" + ";".join(AXES), *(f"{stamp};{row}" for stamp, row in zip(IN_POINTS, ROWS, strict=True))],
+        [],
+        {},
+    ),
     "a unit in a name behind a word": (
         lines(table(names=[*NAMES[:4], *(f"{axis} [Nmm] raw" for axis in NAMES[4:])], scale=[1, 1, 1, *[1e3] * 3])),
         [],
@@ -187,6 +194,21 @@ def time_of_day(i, _):
 
 def with_pauses(i, _):
     return 10 * i + np.arange(60) / RATE
+
+
+def test_commas_of_both_kinds_have_no_way_that_reads_other_columns(tmp_path):
+    write_lines(
+        tmp_path / "a.csv", [",".join(NAMES), *(line.replace(".", ",") for line in lines(table())[1:])]
+    )
+    with pytest.raises(RecordingFileError, match="wanted another separator") as caught:
+        load(tmp_path / "a.csv")
+    assert not caught.value.ways
+
+
+def test_a_rate_above_the_names_is_not_contradicted(tmp_path):
+    write_lines(tmp_path / "a.csv", ["Sample Rate: 1 kHz", *lines(table()[AXES])])
+    with pytest.raises(RecordingFileError, match="sampled at 1000 Hz, but a rate of 500 Hz is stated"):
+        load(tmp_path / "a.csv", csv={"skiprows": 1}, rate_hz=500)
 
 
 LONG = {

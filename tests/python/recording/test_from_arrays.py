@@ -107,6 +107,31 @@ def test_from_frames_index_is_the_clock_or_columns():
     assert Dataset.from_frames(levels.set_index(["label", "trial"])).y.tolist() == ["a", "b"]
 
 
+IN_NMM = {axis: "N" if axis[0] == "f" else "N mm" for axis in AXES}
+
+
+def with_attributes(table, **attributes):
+    table.attrs = attributes
+    return table
+
+
+def of_pyarrow(table):
+    fields = [pa.field(name, pa.float64(), metadata={"unit": IN_NMM.get(name, "s")}) for name in table]
+    return pa.Table.from_pandas(table, pa.schema(fields))
+
+
+@pytest.mark.parametrize("form", [lambda table: with_attributes(table, units=IN_NMM), of_pyarrow])
+def test_from_frames_units_beside_the_columns_are_obeyed(form):
+    data = Dataset.from_frames([form(frame(X[0] * [1, 1, 1, 1e3, 1e3, 1e3], time=T))], ["rice"])
+    np.testing.assert_allclose(data[0].wrench, X[0], rtol=1e-15)
+    assert data.history[-1].notes == ("converted from N mm to N m",)
+
+
+def test_from_frames_units_under_another_name_are_refused():
+    with pytest.raises(ValueError, match=r"'torque_unit' states units .*pass units='N,N mm'"):
+        Dataset.from_frames([with_attributes(frame(time=T), torque_unit="N mm", rig=3)], ["rice"])
+
+
 def test_identical_rows_with_one_stamp_are_merged():
     twice = pd.concat([frame(time=T)] * 2).sort_values("time", kind="stable")
     data = Dataset.from_frames(twice, ["rice"])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -17,7 +15,7 @@ from granular_id.io.parquet.archive import Archive
 from granular_id.io.parquet.layout import MARK, labels_of, open_parquet
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.ways_out import frames_line
-from granular_id.recording import Table, TableError, meaning_of, refuse_units_unread
+from granular_id.recording import Table, stated_beside
 
 _INDEX = "__index_level_0__"
 """As pandas calls an index without a name."""
@@ -32,8 +30,6 @@ def read_parquet(source: FileSource, _: LoadOptions) -> FileContent:
         if MARK in labels_of(opened):
             what = "is part of an archive, or was made of one; wanted the folder of the archive"
             raise RecordingFileError(source.path, what)
-        schema = opened.schema_arrow
-        units = {field.name: unit for field in schema if (unit := _unit_of(field)) is not None}
         table = opened.read(use_threads=False)
         table.validate(full=True)
     if not table.num_rows:
@@ -41,19 +37,8 @@ def read_parquet(source: FileSource, _: LoadOptions) -> FileContent:
     columns = {name: _values(table.column(i)) for i, name in enumerate(table.column_names)}
     if _INDEX in columns and columns[_INDEX].dtype.kind in "mM":
         columns["time" if "time" not in columns else _INDEX] = columns.pop(_INDEX)
-    if source.units is None and not units and not any(meaning_of(name).unit for name in columns):
-        about: dict[str, Any] = {
-            key.decode("utf-8", "replace"): text.decode("utf-8", "replace")
-            for key, text in (schema.metadata or {}).items()
-        }
-        with suppress(json.JSONDecodeError):
-            attributes = json.loads(about.get("PANDAS_ATTRS", "{}"))
-            about |= attributes if isinstance(attributes, dict) else {}
-        try:
-            refuse_units_unread(about)
-        except TableError as error:
-            raise RecordingFileError(source.path, error.parts) from error
-    read = Table(name=source.name, columns=columns, units=units)
+    units, beside = stated_beside(table)
+    read = Table(name=source.name, columns=columns, units=units, beside=beside)
 
     def place(_: int, row: int | None) -> dict[str, Any]:
         return {} if row is None else {"place": f"row {row}"}
@@ -91,10 +76,3 @@ def _values(column: Any) -> NDArray[Any]:
     if kind.startswith("dictionary"):  # its indices may be of any width
         column = column.cast(column.type.value_type)
     return np.asarray(column.to_numpy())
-
-
-def _unit_of(field: Any) -> str | None:
-    """Return what the metadata of a column say of its unit."""
-    about = {key.lower(): value for key, value in (field.metadata or {}).items()}
-    unit = about.get(b"units", about.get(b"unit", b""))
-    return unit.decode("utf-8", "replace").strip() or None
