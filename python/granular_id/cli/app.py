@@ -85,6 +85,7 @@ class Command(TyperCommand):
         """Refuse empty words, which unset variables of a shell leave: as a path one would be the folder at hand."""
         if "" in args:
             raise typer.BadParameter("an argument is an empty text", ctx=ctx)
+        ctx.meta["words"] = tuple(args)
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
@@ -100,7 +101,7 @@ class Command(TyperCommand):
             if isinstance(error, BrokenPipeError) and is_lost(sys.stdout):
                 raise
             message = _words_of(error, {name for one in self.params for name in one.opts})
-            show(f"error: {with_way_out(error, message)}", "bold red", err=True)
+            show(f"error: {with_way_out(error, message, ctx.meta['words'])}", "bold red", err=True)
             raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None
         finally:
             warnings.showwarning, sys.unraisablehook = before

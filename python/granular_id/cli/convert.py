@@ -145,6 +145,7 @@ def convert(
     data = read(
         path,
         rest=rest,
+        output=output,
         label=label,
         session=session,
         axes=axes,

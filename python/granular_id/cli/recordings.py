@@ -30,12 +30,19 @@ _OF_INFO = ("label", "session", "axes", "units", "csv")
 
 
 def read(
-    path: Path, *, prepared: bool = False, quiet: bool = False, rest: str | None = None, **options: Any
+    path: Path,
+    *,
+    prepared: bool = False,
+    quiet: bool = False,
+    rest: str | None = None,
+    output: Path | None = None,
+    **options: Any,
 ) -> Dataset:
     """Read the recordings of a path, say on standard error what was read; when quiet, only what was skipped.
 
     `prepared`: they must have labels, one rate and one length, as every method needs them; `rest`: the command that
-    says all of it, where it is not one about the path. `options`: those of `load`.
+    says all of it, where it is not one about the path; `output`: where they are converted to. `options`: those of
+    `load`.
     """
     from granular_id.io import load
     from granular_id.recording import headline, noticed_lines, skipped_lines
@@ -47,7 +54,7 @@ def read(
         ):
             raise _unprepared(data, path)
     except GranularIdError as error:
-        _tell(error, path, options)
+        _tell(error, path, options, output)
         raise
     report = data.history[-1]
     lines = skipped = skipped_lines(report)
@@ -71,54 +78,59 @@ def about(path: Path) -> Iterator[None]:
         raise
 
 
-def _tell(error: Any, path: Path, options: dict[str, Any]) -> None:
+def _tell(error: Any, path: Path, options: dict[str, Any], output: Path | None = None) -> None:
     """Give a refusal what it is about: `with_way_out` makes a command of it."""
-    error.source = path, {name: value for name, value in options.items() if value is not None}
+    given = {name: value for name, value in options.items() if value not in (None, "raise")}
+    error.source = path, given, output
     if getattr(error, "skippable", False):
         error.parts += ("; or leave such files out ", typed(on_error="skip"))
         error.args = (f"{error}{''.join(error.parts[-2:])}",)
 
 
-def with_way_out(error: Exception, message: str) -> str:
+def with_way_out(error: Exception, message: str, words: Sequence[str] = ()) -> str:
     """Return the message of an error, and below it the commands that prepare recordings so, the best first.
 
-    Lines of Python become one of them where they need nothing that only the user knows.
+    Lines of Python become one of them where they need nothing that only the user knows. `words` are those typed behind
+    the name of the command: where converting was refused they are typed again, with more.
     """
     from granular_id.io.files import printable
     from granular_id.io.ways_out import joined
 
-    path, given = getattr(error, "source", (None, {}))
-    if (
-        path is None or "on_error" in given or not isinstance(error, WayOutError)
-    ):  # then converting was refused
+    path, given, output = getattr(error, "source", (None, {}, None))
+    if path is None or not isinstance(error, WayOutError):
         return message
+    target = _prepared(path)
     known = [way for way in error.ways if not is_unknown(way)]
     options = [way for way in known if PYTHON_ONLY not in way]
     commands = []
     if options:
-        first = command_words(joined(given, options[0]))
         also = "".join(f"\nor with {command_words(way)}" for way in options[1:])
-        target = f"{shlex.quote(str(path))} {shlex.quote(_prepared(path))}"
-        commands.append(f"granular-id data convert {target} {first}{also}")
+        typed_ahead = shlex.join(words)
+        if output is None:
+            typed_ahead, options[0] = shlex.join([str(path), target]), joined(given, options[0])
+        commands.append(f"granular-id data convert {typed_ahead} {command_words(options[0])}{also}")
     for way in known:
         if PYTHON_ONLY in way:
             passed = ", ".join(f"{name}={value!r}" for name, value in joined(given, way).items())
             commands.append(
-                _python(f"from granular_id import load; data = load({str(path)!r}, {passed})", path)
+                _python(f"from granular_id import load; data = load({str(path)!r}, {passed})", target)
             )
     for part in error.parts:
         if isinstance(part, WayOut) and part.code and RATE not in part.code:
             message = message.replace(printable(part), "")
             where = f"where {part.why}:\n" * bool(part.why)
-            commands.append(where + _python(part.code, path))
+            commands.append(where + _python(part.code, target))
     return message + ":\n" * bool(commands) + "\nor:\n".join(commands)
 
 
-def _python(code: str, path: Path) -> str:
+def _python(code: str, target: str) -> str:
     """Return the command that runs lines of Python, and saves what they make."""
-    code += f"; from granular_id import save; save(data, {_prepared(path)!r})"
-    quoted = shlex.quote(code) if set(code) & set(_SPECIAL) else f'"{code}"'
-    return f"python -c {quoted}"
+    code += f"; from granular_id import save; save(data, {target!r})"
+    if not set(code) & set(_SPECIAL):
+        return f'python -c "{code}"'
+    if '"' not in code:
+        code = code.replace("'", '"')
+    return f"python -c {shlex.quote(code)}"
 
 
 def history_of(path: Path, given: dict[str, Any], command: str = "info") -> str:

@@ -60,8 +60,17 @@ def _group(group: Any, source: FileSource, place: str, depth: int) -> dict[str, 
         elif item.dtype.kind in "iufb":
             found[name] = Leaf(item, _attributes(item))
         elif item.dtype.names is not None:  # columns of a table
-            found[name] = {column: Leaf(item[column]) for column in item.dtype.names} | _attributes(item)
+            found[name] = {column: _of_table(item[column]) for column in item.dtype.names} | _attributes(item)
     return found
+
+
+def _of_table(cells: Any) -> Leaf:
+    """Return a column, bytes as texts."""
+    if cells.dtype.kind not in "OS":
+        return Leaf(cells)
+    return Leaf(
+        np.char.decode(cells.astype("S"), errors="replace"), texts="numpy.char.decode({}.astype('S'))"
+    )
 
 
 def _attributes(item: Any) -> dict[str, Any]:

@@ -39,6 +39,7 @@ class Leaf:
     values: Any
     about: dict[str, Any] = field(default_factory=dict)
     is_attribute: bool = False
+    texts: str = ""  # as in `Opening`, where it is not that of the file
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -102,7 +103,11 @@ class Opening:
     def label(self, one: Found, within: str = "") -> str:
         """Return the expression for texts, or numbers, as labels."""
         item, is_plain = self.item(one, within), one.leaf.is_numbers or one.leaf.is_attribute
-        text = f"numpy.ravel({item})" if is_plain else self.texts.format(item.removesuffix(self.ending))
+        text = (
+            f"numpy.ravel({item})"
+            if is_plain
+            else (one.leaf.texts or self.texts).format(item.removesuffix(self.ending))
+        )
         if self.by_reference and one.leaf.is_text and not one.leaf.shape:  # a text is its characters' codes
             text = f"[''.join(map(chr, {item.removesuffix(self.ending)}[()].ravel()))]"
         return f"{text}[0]" if within else text

@@ -15,14 +15,13 @@ from granular_id._text import RATE, alternatives, in_both
 from granular_id.io.files import RecordingFileError
 from granular_id.io.leaves import BESIDE, PLACE, Found, Leaf, Opening, indexed
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions, likeliest_first
-from granular_id.io.ways_out import in_python_each, paths_line, places_of
-from granular_id.recording import AXES, LABEL_NAMES, Table, meaning_of
+from granular_id.io.ways_out import PART_NAMES, in_python_each, paths_line, places_of
+from granular_id.recording import AXES, LABEL, LABEL_NAMES, RECORDING, TIME, Table, meaning_of
 
 MOST_LISTED = 8
 
 _RATES = re.compile(r"fs|(sampl(e|ing)_?)?(rate|freq(uency)?)(_?hz)?", re.IGNORECASE)
-_PARTS = (("force", "forces", "f"), ("torque", "torques", "moment", "moments", "tau", "t", "m"))
-"""Names of rates, forces and torques, for ways out only: people see what they type."""
+"""Names of rates, for ways out only: people see what they type."""
 
 SIGNAL = re.compile(
     r"wrench|force|torque|filtered|arr_\d|^x$|(^|[\W_])(raw|ft|data|signals?|samples?|sensor)[\W_\d]*$",
@@ -274,7 +273,13 @@ class Remedy:
         }
         for name in likeliest_first(kinds) or [""]:
             self._labels = same.get(name, [])
-            found = self._of_parts() or self._flat() or self._turned() or self._listed(self._arrays)
+            found = (
+                self._as_table()
+                or self._of_parts()
+                or self._flat()
+                or self._turned()
+                or self._listed(self._arrays)
+            )
             why = f"{name!r} holds the labels" * (len(same) > 1)
             calls += [one._replace(why=one.why or why * one.is_beside) for one in found]
         self._labels = every
@@ -347,6 +352,20 @@ class Remedy:
                 return f"{self._how.item(one)}.argmax(1)"
         return ""
 
+    def _as_table(self) -> list[_Call]:
+        """Put arrays of a value a sample side by side, of which one tells recordings apart: an id, or a label."""
+        groups: dict[str, dict[str, Found]] = {}
+        for one in self._every:
+            if len(one.leaf.shape) == 1 and (what := meaning_of(one.name).what) is not None:
+                groups.setdefault(one.parent, {})[what] = one
+        for inner in groups.values():
+            lengths = {one.leaf.shape for one in inner.values()}
+            if set(AXES) <= inner.keys() and {RECORDING, LABEL} & inner.keys() and len(lengths) == 1:
+                columns = ", ".join(f"{one.name!r}: {self._how.label(one)}" for one in inner.values())
+                table = f"pandas.DataFrame({{{columns}}})"
+                return [_Call(table, is_frames=True, is_timed=TIME in inner, is_beside=LABEL in inner)]
+        return []
+
     def _of_parts(self) -> list[_Call]:
         """Join what each recording has in parts: vectors of the axes, or forces and torques."""
         groups: dict[str, dict[str, Found]] = {}
@@ -356,7 +375,7 @@ class Remedy:
         whole = {place: joined for place, inner in groups.items() if (joined := self._joined(place, inner))}
         if not whole:
             return []
-        X, n = next(iter(whole.values()))
+        X, n, is_timed = next(iter(whole.values()))
         y, days = self._label_beside(n or 1), ""
         units: tuple[Found, ...] = ()
         is_beside = bool(y)
@@ -368,20 +387,20 @@ class Remedy:
         else:
             days, units = self._sessions(n or 1), self._own_units(self._pair(groups[""]))
             X, n = (f"[{X}]", 1) if n is None else (X, n)
-        return [_Call(X, y, "", n, "{" in X, "'time'" in X, is_beside, days, units)]
+        return [_Call(X, y, "", n, "{" in X, is_timed, is_beside, days, units)]
 
     def _pair(self, inner: Mapping[str, Found]) -> list[Found]:
         """Return forces and torques, arrays of three columns each."""
         threes = {name: one for name, one in inner.items() if one.leaf.shape[-1:] == (3,)}
-        return [one for names in _PARTS for one in [threes[name] for name in names if name in threes][:1]]
+        return [one for names in PART_NAMES for one in [threes[name] for name in names if name in threes][:1]]
 
     def _own_units(self, pair: Sequence[Found]) -> tuple[Found, ...]:
         """Return the unit that each of a pair states of itself."""
         units = [one for part in pair if (one := self._beside("units", part)) is not None]
         return tuple(units) if len(units) == len(pair) and all(len(_words(one)) == 1 for one in units) else ()
 
-    def _joined(self, place: str, inner: Mapping[str, Found]) -> tuple[str, int | None] | None:
-        """Return the expression that joins the parts of a group, and of how many recordings in three dimensions."""
+    def _joined(self, place: str, inner: Mapping[str, Found]) -> tuple[str, int | None, bool] | None:
+        """Return the expression that joins the parts of a group, of how many recordings, and whether it has a clock."""
         item = self._how.item
         vectors = {
             what: one
@@ -390,13 +409,13 @@ class Remedy:
             and (what := meaning_of(one.name).what) is not None
         }
         if set(AXES) <= vectors.keys():
-            named = ["time"] * ("time" in vectors) + list(AXES)
-            columns = ", ".join(f"{what!r}: numpy.ravel({item(vectors[what], place)})" for what in named)
-            return f"{{{columns}}}", None
+            named = [vectors[what] for what in (TIME, *AXES) if what in vectors]
+            columns = ", ".join(f"{one.name!r}: numpy.ravel({item(one, place)})" for one in named)
+            return f"{{{columns}}}", None, TIME in vectors
         pair = self._pair(inner)
         shapes = {one.leaf.shape for one in pair}
         if (
-            len(pair) < len(_PARTS)
+            len(pair) < len(PART_NAMES)
             or len(shapes) > 1
             or pair[0] not in self._arrays
             or pair[0].leaf.shape[-1] != 3
@@ -408,8 +427,8 @@ class Remedy:
         is_clock = clock is not None and n is None and np.prod(clock.leaf.shape) == pair[0].leaf.shape[0]
         if clock is not None and is_clock and self._rate == RATE:
             axes = f"zip({' '.join(AXES)!r}.split(), {joined}.T)"
-            return f"{{'time': numpy.ravel({item(clock, place)}), **dict({axes})}}", None
-        return joined, n
+            return f"{{'time': numpy.ravel({item(clock, place)}), **dict({axes})}}", None, True
+        return joined, n, False
 
     def _loop(self, places: Sequence[str], array: Found | None = None) -> tuple[str, str, bool]:
         """Return the loop over groups, or structs, in which each is r, their labels, and whether these lie in them.

@@ -14,14 +14,14 @@ from dataclasses import asdict, dataclass
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular_id._text import WayOut, alternatives, in_both
+from granular_id._text import alternatives, in_both
 from granular_id.io.files import RecordingFileError, need
 from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.io.ways_out import Place, in_python, in_python_each, paths_line, places_of
+from granular_id.io.ways_out import PART_NAMES, Place, in_python_each, paths_line, places_of
 from granular_id.recording import AXES, Table, meaning_of
 
 _HEADER, _WRENCH = "std_msgs/msg/Header", "geometry_msgs/msg/Wrench"
@@ -103,7 +103,7 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         [table],
         notes=notes,
         place=place,
-        in_python=lambda mend: [_bag_line(source, chosen.topic, fields, mend)],
+        in_python=lambda mend: _bag_lines(source, chosen.topic, _renamed(fields), mend),
     )
 
 
@@ -154,8 +154,8 @@ def _other_messages(source: FileSource) -> str | tuple[str, ...] | None:
     except Exception:  # it is damaged: what rosbags says of it holds
         return None
     for topic, (channel, message) in found.items():
-        if channel.message_encoding == "json" and (fields := _fields_in(json.loads(message.data))):
-            return ("messages in JSON are no messages of ROS", *_json_lines(source, topic, fields))
+        if channel.message_encoding == "json" and (form := _form_of(json.loads(message.data))):
+            return ("messages in JSON are no messages of ROS", *_json_lines(source, topic, form))
     encodings = [channel.message_encoding for channel, _ in found.values()]
     listed = ", ".join(f"{topic[:80]} ({kind})" for topic, kind in zip(found, encodings, strict=True))
     others = (
@@ -164,52 +164,87 @@ def _other_messages(source: FileSource) -> str | tuple[str, ...] | None:
     return None if set(encodings) <= {"cdr"} else others
 
 
-def _json_lines(source: FileSource, topic: str, fields: Sequence[str]) -> list[str]:
-    """Return the lines that read six numbers of messages in JSON, of all files like this one."""
-    places = places_of(source)
-    paths = paths_line(source) if places else f"paths = [pathlib.Path({str(source.path)!r})]"
+def _json_lines(source: FileSource, topic: str, form: _Form) -> list[str]:
+    """Return the lines that read messages in JSON."""
     bag = f"make_reader(io.BytesIO(path.read_bytes())).iter_messages(topics=[{topic!r}])"
     rows = f"[{{**json.loads(m.data), 'time': m.log_time / 1e9}} for _, _, m in {bag}]"
-    frame = f"pandas.json_normalize({rows})[{['time', *fields]}].set_axis({['time', *AXES]}, axis=1)"
-    lines = ["from mcap.reader import make_reader", paths, f"frames = [{frame} for path in paths]"]
-    own = repr(source.label or source.label_else) if source.label or source.label_else else ""
+    return _lines(source, ["from mcap.reader import make_reader"], [], rows, form, [])
+
+
+def _bag_lines(source: FileSource, topic: str, form: _Form, mend: str = "") -> list[str]:
+    """Return the lines that read the messages of a bag on a topic."""
+    row = "{**dataclasses.asdict(bags[path].deserialize(data, c.msgtype)), 'time': t / 1e9}"
+    rows = f"[{row} for c, t, data in bags[path].messages() if c.topic == {topic!r}]"
+    imports = ["from rosbags.highlevel import AnyReader", "from rosbags.typesys import Stores, get_typestore"]
+    one = "AnyReader([path], default_typestore=get_typestore(Stores.LATEST))"
+    opened = [f"bags = {{path: {one} for path in paths}}", "[bag.open() for bag in bags.values()]"]
+    whole = form._replace(mend=form.mend + mend)
+    return _lines(source, imports, opened, rows, whole, ["[bag.close() for bag in bags.values()]"])
+
+
+def _lines(
+    source: FileSource,
+    imports: Sequence[str],
+    opened: Sequence[str],
+    rows: str,
+    form: _Form,
+    closed: Sequence[str],
+) -> list[str]:
+    """Return the lines that make tables of messages, of all files like this one; `rows` are those of a path."""
+    places = places_of(source)
+    paths = paths_line(source) if places else f"paths = [pathlib.Path({str(source.path)!r})]"
+    frames = f"frames = [pandas.json_normalize({rows}){form.mend} for path in paths]"
+    own = source.label or source.label_else
+    axes = f", axes={','.join(form.axes)!r}" if form.axes else ""
     calls = []
-    for label, session, why in places or [Place(own, None, "")]:
+    for label, session, why in places or [Place("" if own is None else repr(own), None, "")]:
         labels = f", [{label} for path in paths]" * bool(label)
         sessions = f", sessions=[{session} for path in paths]" if session else ""
-        calls.append((f"Dataset.from_frames(frames{labels}{sessions})", why))
-    return in_python_each(lines, calls)
+        calls.append((f"Dataset.from_frames(frames{labels}{sessions}{axes})", why))
+    return in_python_each([*imports, paths, *opened, frames, *closed], calls)
 
 
-def _bag_line(source: FileSource, topic: str, fields: Sequence[str], mend: str = "") -> WayOut:
-    """Return the line that reads six numbers of the messages on a topic."""
-    row = "{**dataclasses.asdict(bag.deserialize(data, c.msgtype)), 'time': t / 1e9}"
-    return in_python(
-        "from rosbags.highlevel import AnyReader",
-        "from rosbags.typesys import Stores, get_typestore",
-        f"bag = AnyReader([pathlib.Path({str(source.path)!r})], default_typestore=get_typestore(Stores.LATEST))",
-        "bag.open()",
-        f"rows = [{row} for c, t, data in bag.messages() if c.topic == {topic!r}]",
-        "bag.close()",
-        _frame_of_rows(source, fields, mend),
-    )
+class _Form(NamedTuple):
+    """What makes a table of messages of another kind: methods of a data frame of them, and axes that are no wrench."""
+
+    mend: str
+    axes: tuple[str, ...] = ()
 
 
-def _frame_of_rows(source: FileSource, fields: Sequence[str], mend: str = "") -> str:
-    label = source.label or source.label_else
-    labels = "" if label is None else f", [{label!r}]"
-    frame = f"pandas.json_normalize(rows)[{['time', *fields]}].set_axis({['time', *AXES]}, axis=1){mend}"
-    return f"Dataset.from_frames({frame}{labels})"
-
-
-def _fields_in(message: Any) -> list[str]:
-    """Return what a message of another kind calls the six numbers of a wrench; nothing where names are missing."""
+def _form_of(message: Any) -> _Form | None:
+    """Find the six numbers of a wrench in a message, by their names or in lists; else vectors of other sensors."""
     if not isinstance(message, dict):
-        return []
-    names = need("pandas", extra="app", why="to read messages of other kinds").json_normalize(message).columns
-    tails = [(name, ".".join(name.split(".")[-n:])) for name in reversed(names) for n in (2, 1)]
+        return None
+    cells = need("pandas", extra="app", why="to read messages of other kinds").json_normalize(message).iloc[0]
+    tails = [(name, ".".join(name.split(".")[-n:])) for name in reversed(list(cells.index)) for n in (2, 1)]
     named = {what: name for name, tail in tails if (what := meaning_of(tail).what) in AXES}
-    return [named[axis] for axis in AXES] if set(AXES) <= named.keys() else []
+    if set(AXES) <= named.keys():
+        return _renamed([named[axis] for axis in AXES])
+    lists = {name: len(cell) for name, cell in cells.items() if isinstance(cell, (list, np.ndarray))}
+    six = [name for name, length in lists.items() if length == len(AXES)]
+    three = [
+        next((name for name in lists if name.rpartition(".")[2].lower() in words and lists[name] == 3), None)
+        for words in PART_NAMES
+    ]
+    if six:
+        return _Form(_split(six[0], AXES))
+    if None not in three:
+        return _Form(
+            "".join(_split(str(name), axes) for name, axes in zip(three, (AXES[:3], AXES[3:]), strict=True))
+        )
+    vectors = [
+        name[:-2] for name in cells.index if name.endswith(".x") and f"{name[:-1]}w" not in cells.index
+    ]
+    return _Form("", tuple(f"{name}.{axis}" for name in vectors for axis in "xyz")) if vectors else None
+
+
+def _renamed(fields: Sequence[str]) -> _Form:
+    return _Form(f".rename(columns={dict(zip(fields, AXES, strict=True))})")
+
+
+def _split(name: str, axes: Sequence[str]) -> str:
+    """Return the method that makes columns of a list in each row."""
+    return f".pipe(lambda f: f.join(pandas.DataFrame(f[{name!r}].tolist(), columns={list(axes)})))"
 
 
 def _chosen(reader: Any, source: FileSource, named: str | None) -> tuple[_Wrench, list[str]]:
@@ -232,8 +267,8 @@ def _chosen(reader: Any, source: FileSource, named: str | None) -> tuple[_Wrench
         nothing = "no messages at all" + "; `mcap recover` lists topics that a summary lacks" * (
             path.suffix == ".mcap"
         )
-        line = next(filter(None, (_line_of(reader, source, same[0]) for same in groups.values())), "")
-        raise RecordingFileError(path, (f"has no {wanted}; it has {there or nothing}", line))
+        lines = next(filter(None, (_lines_of(reader, source, same[0]) for same in groups.values())), [])
+        raise RecordingFileError(path, (f"has no {wanted}; it has {there or nothing}", *lines))
     found = (
         every
         if named is None
@@ -257,11 +292,11 @@ def _chosen(reader: Any, source: FileSource, named: str | None) -> tuple[_Wrench
     return one, [f"the wrench is the field {one.field} of {one.type_name}"] if one.field else []
 
 
-def _line_of(reader: Any, source: FileSource, connection: Any) -> str:
-    """Return the line that reads messages of another type, by the names in the first of them."""
+def _lines_of(reader: Any, source: FileSource, connection: Any) -> list[str]:
+    """Return the lines that read messages of another type, by what is in the first of them."""
     first = next(reader.messages(connections=[connection]), None)
-    fields = [] if first is None else _fields_in(asdict(reader.deserialize(first[2], connection.msgtype)))
-    return _bag_line(source, connection.topic, fields) if fields else ""
+    form = None if first is None else _form_of(asdict(reader.deserialize(first[2], connection.msgtype)))
+    return [] if form is None else _bag_lines(source, connection.topic, form)
 
 
 def _named(wrenches: Sequence[_Wrench]) -> str:

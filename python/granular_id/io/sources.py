@@ -76,10 +76,19 @@ _AHEAD = re.compile(rf"\A(?:(?:{_WORD}[\s_.-]*\d+|{_DATE}|\d+)[\s_.-]+)+(?!{_SIZ
 _FRONT = re.compile(r"([^\W\d_]\d+)[\s_.-]+([^\W\d_].*)")
 """A name behind a letter with a number, as of a person: ``P1_rice``."""
 
+_PUSH = re.compile(rf"(?:(?!day|session){_WORD})?[\W_]*\d{{1,4}}", re.IGNORECASE)
+"""A name that counts recordings: ``push_1``, ``07``."""
+
+_CONTAINER = re.compile(
+    r"raw|csv|([a-z]+[\s_-])?data(set)?s?|recordings?|measurements?|logs?|files?|exports?", re.IGNORECASE
+)
+"""What a folder around all others is called, and says neither material nor session."""
+
 _DIGITS = re.compile(r"([0-9]+)")
 
 _ORDERED = re.compile(
-    rf"{SESSION_LIKE.pattern}|[a-z]?\d+|(?:{_DATE})|(?:{_MONTH}[\W_]*\d|\d+[\W_]*{_MONTH}).*", re.IGNORECASE
+    rf"{SESSION_LIKE.pattern}|{_WORD}[\W_]*\w{{0,3}}|[a-z]?\d+|(?:{_DATE})|(?:{_MONTH}[\W_]*\d|\d+[\W_]*{_MONTH}).*",
+    re.IGNORECASE,
 )
 """Names of folders that count or name days, persons or runs: of two levels the other one is the material first."""
 
@@ -91,6 +100,7 @@ _NO_LABEL = frozenset(
 _SHORT_WORD = 2
 """Letters of a word that is no material: ``_s1``, ``_V1``."""
 
+_Reading = tuple[str, dict[str, str]]
 _MOST_DEEP = 12
 _EXAMPLES = 3
 
@@ -388,7 +398,7 @@ def _label_by_place(root: Path, found: Sources) -> None:
     """Say what folder or name a label is taken from by default, or why that may mean two things."""
     depths = {source.name.count("/") for source in found.files}
     place = found.files[0].label_place if found.files else ""
-    if depths == {0} or place:
+    if depths == {0} or (place and depths == {1}):
         found.layout = "label_1/*" if place else "label_*"
         n_labels = len({source.name_label for source in found.files})
         for i, source in enumerate(found.files):
@@ -422,12 +432,16 @@ def _label_by_place(root: Path, found: Sources) -> None:
         is_named = None not in names and len(names) > 1
         ways = of_names * is_named + of_first * bool(min(depths))
         raise RecordingFileError(root, [problem, *ways])
-    doubt = _no_materials(found) if depths == {1} else _two_levels(found.files) if found.files else None
+    is_within = len({Path(source.name).parts[0] for source in found.files}) == 1 and depths == {2}
+    if depths == {1} or (is_within and _CONTAINER.fullmatch(Path(found.files[0].name).parts[0])):
+        doubt = _no_materials(found)  # data/rice/1.csv is rice/1.csv
+    else:
+        doubt = _two_levels(found.files) if found.files else None
     n_labels = len({source.path.parent for source in found.files})
     for i, source in enumerate(found.files):
         label = None if doubt else source.path.parent.name
         found.files[i] = replace(
-            source, label_else=label, label_place="folder", two_meanings=doubt, n_labels=n_labels
+            source, label_else=label, label_place=place or "folder", two_meanings=doubt, n_labels=n_labels
         )
 
 
@@ -435,14 +449,22 @@ def _name_by_folders(found: Sources) -> None:
     """Name files by their folders, without numbers, where each folder holds one file of the same name: a push."""
     folders = [source.path.parent for source in found.files]
     is_one_each = len(set(folders)) == len(folders) and len({source.path.name for source in found.files}) == 1
-    if not is_one_each or {source.name.count("/") for source in found.files} != {1} or _no_materials(found):
+    if not is_one_each or {source.name.count("/") for source in found.files} not in ({1}, {2}):
         return
     labels = labels_of(folders)
     least: dict[str | None, int] = {}
     for label, folder in zip(labels, folders, strict=True):
         count = int((re.findall(r"\d+", folder.name) or ["0"])[-1])
         least[label] = min(count, least.get(label, count))
-    if None in labels or not 1 < len(least) < len(labels) or max(least.values()) > 1:
+    no_materials = all(label is None or SESSION_LIKE.fullmatch(label) for label in labels)
+    is_bare = all(label == folder.name for label, folder in zip(labels, folders, strict=True))
+    if (
+        None in labels
+        or no_materials
+        or is_bare
+        or not 1 < len(least) < len(labels)
+        or max(least.values()) > 1
+    ):
         return  # sand_40, sand_80 are materials
     for i, (source, label) in enumerate(zip(found.files, labels, strict=True)):
         found.files[i] = replace(source, name_label=label, label_place="name of the folder")
@@ -455,26 +477,41 @@ def _two_levels(files: Sequence[FileSource]) -> tuple[str, ...]:
     top = ["; an index.csv says it, too"]
     if above:
         top = [f"; where {above[0]!r} is the material", index_line(first.root, first.path.suffix)]
-    readings = [
-        (f"{inner!r} is the material and {outer!r} the session", {"label": "folder", "session": "parent"}),
-        (f"{outer!r} is the material and {inner!r} the session", {"label": "parent", "session": "folder"}),
-    ]
     folders = [source.path.parent for source in files]
-    is_counted = [all(_ORDERED.fullmatch(one.name) for one in folders)]
-    is_counted.append(all(_ORDERED.fullmatch(one.parent.name) for one in folders))
-    are_pushes = len(set(folders)) == len(folders) and all(  # rice/rice_1/ft.csv
-        _NUMBER.sub("", one.name) == one.parent.name != one.name for one in folders
+    is_one_each = len(set(folders)) == len(folders)
+    levels = [{one.name for one in folders}, {one.parent.name for one in folders}]
+    is_counted = [
+        all(map(_ORDERED.fullmatch, names))
+        or len({_NUMBER.sub("", name) for name in names}) == 1 < len(names)
+        for names in levels
+    ]
+    in_folder: _Reading = (
+        f"{inner!r} is the material and {outer!r} the session",
+        {"label": "folder", "session": "parent"},
     )
-    if are_pushes:
-        readings = [
-            (f"{outer!r} is the material and {inner!r} a recording", {"label": "parent"}),
-            readings[0],
-        ]
+    above_it: _Reading = (
+        f"{outer!r} is the material and {inner!r} the session",
+        {"label": "parent", "session": "folder"},
+    )
+    readings = [in_folder, above_it]
+    are_pushes = all(
+        _PUSH.fullmatch(one.name) or _NUMBER.sub("", one.name) == one.parent.name for one in folders
+    )
+    if is_one_each and are_pushes:  # rice/push_1/ft.csv, rice/rice_1/ft.csv
+        pushes = f"{outer!r} is the material and {inner!r} a recording"
+        readings = [(pushes, {"label": "parent"}), above_it, in_folder]
+    elif first.label_place == "name of the folder":  # day1/rice_1/ft.csv
+        readings[0] = (
+            f"{first.name_label!r} is the material and {outer!r} the session",
+            {"label": "file", "session": "parent"},
+        )
     elif is_counted == [True, False] or all(one.name.lower() in _NO_LABEL for one in folders):
         readings.reverse()
     labels = {(source.name_label or "").lower() for source in files}
     others = _NO_LABEL | {name.lower() for source in files for name in Path(source.name).parts[:-1]}
-    if 1 < len(labels) < len(files) and not labels & others:  # anna/03-11/rice_1.csv
+    if (
+        first.label_place == "" and 1 < len(labels) < len(files) and not labels & others
+    ):  # anna/03-11/rice_1.csv
         of_names = (
             f"{first.name_label!r} is the material and {inner!r} the session",
             {"label": "file", "session": "folder"},

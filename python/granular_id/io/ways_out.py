@@ -15,7 +15,14 @@ from granular_id.io.source import FileSource, LoadOptions
 from granular_id.recording import AXES, LABEL, Table, meaning_of
 
 _MODULES = ("dataclasses", "h5py", "io", "json", "numpy", "pandas", "pathlib", "re", "scipy.io")
-_READERS = {".xlsx": "read_excel", ".xls": "read_excel", ".ods": "read_excel", ".feather": "read_feather"}
+_READERS = {
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "read_excel({})"),
+    ".feather": "read_feather({})",
+    ".jsonl": "read_json({}, lines=True)",
+}
+PART_NAMES = (("force", "forces", "f"), ("torque", "torques", "moment", "moments", "tau", "t", "m"))
+"""Names of forces and torques, for ways out only: people see what they type."""
+
 _MOST_STEPS = 6
 _NUMBERS = (r"[\W_]*\d+$", r"[\W_]+\(\d+\)$", r"[\W_\d]+$")
 """What numbers files at the ends of their names: the first that gives the label of a file serves for those like it."""
@@ -174,9 +181,9 @@ def unknown_files_line(path: Path, endings: Sequence[str]) -> list[WayOut]:
         return []
     call = f"pandas.{_READERS[ending.lower()]}"
     if not path.is_dir():
-        return [in_python(f"frame = {call}({str(path)!r})", "Dataset.from_frames(frame)")]
+        return [in_python(f"frame = {call.format(repr(str(path)))}", "Dataset.from_frames(frame)")]
     paths = f"paths = sorted(pathlib.Path({str(path)!r}).rglob({'*' + ending!r}))"
-    call = f"Dataset.from_frames([{call}(path) for path in paths], [path.parent.name for path in paths])"
+    call = f"Dataset.from_frames([{call.format('path')} for path in paths], [path.parent.name for path in paths])"
     return [in_python(paths, call)]
 
 

@@ -272,3 +272,27 @@ def test_lines_of_python_are_a_command_that_saves(tmp_path, monkeypatch):
     assert line.startswith("python -c ")
     subprocess.run(shlex.split(line.replace("python", sys.executable, 1)), check=True, env=os.environ)
     assert load("in-prepared.npz").y.tolist() == [*"abab"]
+
+
+def test_refused_conversion_is_typed_again_with_more(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for day in ("d1", "d2"):
+        each_label(tmp_path / "in" / day)
+    line = refused("data", "convert", "in", "out.npz", "--resample-hz", "62.5")
+    words = way_out(line)
+    assert words[:6] == ["data", "convert", "in", "out.npz", "--resample-hz", "62.5"]
+    ended_well(*words)
+    assert (load("out.npz").rate_hz, set(load("out.npz").sessions)) == (62.5, {"d1", "d2"})
+
+
+def test_another_array_than_in_the_training_is_warned_of(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    X = make().X
+    np.savez("in.npz", ft=X, ft_filtered=X / 2, y=make().y, fs=125)
+    for array in ("ft", "ft_filtered"):
+        ended_well("data", "convert", "in.npz", f"{array}.npz", "--array", array)
+    ended_well("train", "ft.npz", "-o", "m.safetensors", "--space", "hfmh", "--quiet")
+    said = run("identify", "m.safetensors", "ft_filtered.npz")
+    assert "read_as 'array=ft_filtered', in training 'array=ft'" in " ".join(
+        (said.stdout + said.stderr).split()
+    )

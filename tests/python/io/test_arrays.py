@@ -325,6 +325,31 @@ def test_columns_in_groups_and_compound_arrays_have_a_line(tmp_path):
         assert_holds(run(*lines_of(refusal(tmp_path / f"{as_groups}.h5"))), X[:2], LABELS[:2])
 
 
+@pytest.mark.parametrize("form", ["npz", "compound"])
+def test_a_value_a_sample_with_ids_and_units_has_a_line(tmp_path, form):
+    rows, n = np.concatenate(X) * [1, 1, 1, 1e3, 1e3, 1e3], len(W)
+    names = ["fx", "fy", "fz", "tx_Nmm", "ty_Nmm", "tz_Nmm"]
+    columns = dict(zip(names, rows.T, strict=True)) | {
+        "t": np.tile(T, 4),
+        "trial": np.repeat(np.arange(4), n),
+    }
+    columns["material"] = np.repeat(np.array(LABELS, "S4"), n)
+    if form == "npz":
+        np.savez(tmp_path / "a.npz", **(columns | {"material": np.repeat(LABELS, n)}))
+    else:
+        with h5py.File(tmp_path / "a.h5", "w") as file:
+            file["log"] = np.rec.fromarrays(list(columns.values()), names=list(columns))
+    (path,) = tmp_path.iterdir()
+    assert_holds(run(*lines_of(refusal(path))), X, LABELS)
+
+
+def test_units_in_names_of_single_axes_stay_in_the_line(tmp_path):
+    names = [*AXES[:3], *(f"{axis}_Nmm" for axis in AXES[3:])]
+    rows = X[0] * [1, 1, 1, 1e3, 1e3, 1e3]
+    np.savez(tmp_path / "a.npz", t=T, **dict(zip(names, rows.T, strict=True)))
+    np.testing.assert_allclose(run(*lines_of(refusal(tmp_path / "a.npz"))).X[0], X[0], atol=1e-12)
+
+
 @pytest.mark.parametrize("ending", ["npz", "npy"])
 def test_pickled_objects_have_a_line_for_who_wrote_them(tmp_path, ending):
     path, ragged = tmp_path / f"a.{ending}", np.empty(2, object)

@@ -65,7 +65,9 @@ READ = {
     "test/1.csv rice/1.csv": ["rice", "test"],
     "peas/left.csv peas/right.csv rice/left.csv rice/right.csv": ["peas", "peas", "rice", "rice"],
     "peas/1.csv peas/wet.csv rice/1.csv rice/wet.csv": ["peas", "peas", "rice", "rice"],
+    "raw_data/peas/1.csv raw_data/rice/1.csv": ["peas", "rice"],
     # a folder a push: without its number
+    "2025-03-04_rice_1/ft.csv 2025-03-04_rice_2/ft.csv 2025-03-05_peas_1/ft.csv": ["rice", "rice", "peas"],
     "rice_1/ft.csv rice_2/ft.csv sugar_1/ft.csv": ["rice", "rice", "sugar"],
     "rice_1/1.csv rice_2/1.csv rice_2/2.csv": ["rice_1", "rice_2", "rice_2"],
     "rice_1/a.csv rice_2/b.csv": ["rice_1", "rice_2"],
@@ -112,11 +114,24 @@ def test_folders_of_days_with_numbered_files_want_an_index(tmp_path):
     assert not caught.value.ways
 
 
-def test_pushes_in_folders_called_like_their_material_are_its(tmp_path):
-    tree(tmp_path, "rice/rice_1/ft.csv", "rice/rice_2/ft.csv", "peas/peas_1/ft.csv")
-    with pytest.raises(RecordingFileError, match="'peas' is the material and 'peas_1' a recording") as caught:
+PUSHES = {
+    "rice/rice_1/ft.csv rice/rice_2/ft.csv peas/peas_1/ft.csv": (["peas", "rice", "rice"], [None] * 3),
+    "rice/push_1/ft.csv rice/push_2/ft.csv peas/push_1/ft.csv": (["peas", "rice", "rice"], [None] * 3),
+    "d1/rice_1/ft.csv d1/rice_2/ft.csv d2/peas_1/ft.csv": (["rice", "rice", "peas"], ["d1", "d1", "d2"]),
+    "rice/Lauf1/1.csv rice/Lauf1/2.csv peas/Lauf2/1.csv": (
+        ["peas", "rice", "rice"],
+        ["Lauf2", "Lauf1", "Lauf1"],
+    ),
+}
+
+
+@pytest.mark.parametrize("paths", PUSHES)
+def test_folders_of_pushes_are_first_read_as_such(tmp_path, paths):
+    tree(tmp_path, *paths.split())
+    with pytest.raises(RecordingFileError, match="two things") as caught:
         load(tmp_path)
-    assert load(tmp_path, **caught.value.ways[0]).y.tolist() == ["peas", "rice", "rice"]
+    data = load(tmp_path, **caught.value.ways[0])
+    assert (data.y.tolist(), data.sessions.tolist()) == PUSHES[paths]
 
 
 def test_labels_of_one_recording_each_are_noted_first(tmp_path):
@@ -173,7 +188,7 @@ def test_folders_of_two_meanings_have_both_ways_out(tmp_path, paths):
     assert load(tmp_path).labels == ("oats",)
 
 
-ORDERED = ["2025-03-01", "1", "session_2", "s1", "march_4", "01.03.2025", "2025-03-01_10-11", "raw"]
+ORDERED = ["2025-03-01", "1", "session_2", "s1", "march_4", "01.03.2025", "2025-03-01_10-11"]
 NAMES = ("barley", "fine_salt", "mat01", "marble_1")
 
 
@@ -185,7 +200,7 @@ def test_folders_that_count_are_first_read_as_sessions(tmp_path, material, other
     for folder, label, session in ((below, "parent", "folder"), (above, "folder", "parent")):
         with pytest.raises(RecordingFileError) as caught:
             load(folder)
-        ways = [(way["label"], way["session"]) for way in caught.value.ways]
+        ways = [(way["label"], way["session"]) for way in caught.value.ways if "session" in way]
         assert ways == [(label, session), (session, label)]
 
 
@@ -214,6 +229,20 @@ def test_label_and_session_are_read_where_stated(tmp_path, label, session, expec
     data = load(tmp_path, label=label, session=session, time="t", time_unit="s")
     assert (data[0].label, data[0].session) == expected
     assert data.history[-1].notes[0].startswith(f"label: {label} (")
+
+
+MUESLI = "M\N{LATIN SMALL LETTER U WITH DIAERESIS}sli"
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-16", "utf-8-sig"])
+def test_index_is_read_in_the_encodings_of_spreadsheets(tmp_path, encoding):
+    tree(tmp_path, "a.csv")
+    (tmp_path / "index.csv").write_bytes(
+        "file;label\na.csv;Gr\N{LATIN SMALL LETTER U WITH DIAERESIS}nkern\n".encode(encoding)
+    )
+    data = load(tmp_path)
+    assert data.labels == ("Gr\N{LATIN SMALL LETTER U WITH DIAERESIS}nkern",)
+    assert ("index.csv is no UTF-8 text: read as cp1252" in data.history[-1].notes) == (encoding == "cp1252")
 
 
 def test_index_says_it_all(tmp_path):

@@ -318,7 +318,15 @@ def test_real_bags_of_a_makers_driver(data_dir):
     assert np.abs(pressed.wrench).max() < 200
 
 
-def test_messages_in_json_have_a_line_for_all_files(tmp_path):
+FORMS = {
+    "names": lambda row: dict(zip(("fx", "fy", "fz", "tx", "ty", "tz"), row, strict=True)),
+    "one list": lambda row: {"id": "s1", "wrench": row},
+    "two lists": lambda row: {"ft": {"force": row[:3], "torque": row[3:]}},
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_messages_in_json_have_a_line_for_all_files(tmp_path, form):
     for i, name in enumerate(("rice_1", "rice_2", "peas_1")):
         with (tmp_path / f"{name}.mcap").open("wb") as file:
             writer = Writer(file)
@@ -326,9 +334,47 @@ def test_messages_in_json_have_a_line_for_all_files(tmp_path):
             schema = writer.register_schema("Wrench", "jsonschema", b"{}")
             channel = writer.register_channel("/ft", "json", schema)
             for k in range(50):
-                row = dict(zip(("fx", "fy", "fz", "tx", "ty", "tz"), (i, 2, 3, 4, 5, k), strict=True))
+                row = FORMS[form]([i, 2, 3, 4, 5, k])
                 writer.add_message(channel, k * 2_000_000, json.dumps(row).encode(), k * 2_000_000)
             writer.finish()
     data = run(lines_of(refusal(tmp_path))[0])
     assert data.y.tolist() == ["peas", "rice", "rice"]
-    assert data.X[:, 0, 0].tolist() == [2, 0, 1]
+    assert data.X[:, 0].tolist() == [[i, 2, 3, 4, 5, 0] for i in (2, 0, 1)]
+    assert data.rate_hz == 500
+
+
+def test_messages_in_json_that_state_units_are_not_taken_for_newtons(tmp_path):
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/ft", "json", writer.register_schema("W", "jsonschema", b"{}"))
+        for k in range(9):
+            row = FORMS["names"]([1, 2, 3, 4, 5, k]) | {"torque_unit": "Nmm"}
+            writer.add_message(channel, k * 2_000_000, json.dumps(row).encode(), k * 2_000_000)
+        writer.finish()
+    (line,) = lines_of(refusal(tmp_path / "a.mcap"))
+    with pytest.raises(ValueError, match="'torque_unit' states units"):
+        run(line)
+
+
+@pytest.mark.parametrize("name", ["sensor_msgs/msg/Imu", "std_msgs/msg/Float64MultiArray"])
+def test_bags_of_other_sensors_have_a_line_for_all(tmp_path, name):
+    types, stamps = ROS2.types, even_stamps()
+    vector, header = types["geometry_msgs/msg/Vector3"], message(ROS2, samples()[0], stamps[0]).header
+
+    def of(row):
+        if "Imu" not in name:
+            layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+            return types[name](layout=layout, data=np.array(row))
+        turn = types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0)
+        nine, (w, a) = np.zeros(9), (vector(*map(float, part)) for part in (row[:3], row[3:]))
+        return types[name](header, turn, nine, w, nine, a, nine)
+
+    for push in ("rice/push_1", "peas/push_1"):
+        (tmp_path / push).parent.mkdir()
+        messages = [to_bytes(of(row), ROS2) for row in samples()]
+        write_bag2(tmp_path / push, {"/data": (name, messages, stamps)})
+    data = run(lines_of(refusal(tmp_path))[0])
+    assert data.y.tolist() == ["peas", "rice"]
+    np.testing.assert_array_equal(data.X, [samples()] * 2)
+    assert data.axes[0] == ("angular_velocity.x" if "Imu" in name else "fx")
