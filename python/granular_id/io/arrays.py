@@ -25,19 +25,18 @@ from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSo
 from granular_id.recording import (
     AXES,
     SESSION_NAMES,
+    TIME,
     UNIT_NAMES,
     Table,
     TableError,
     cell_text,
     meaning_of,
+    padded_by_zeros,
     refuse_units_unread,
     units_by_axis,
 )
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
-_LEAST_PADDED = 0.02
-"""The part of a recording in zeros at its end that is more than a sensor at rest has."""
-
 _COLUMNS = re.compile(
     r"(axis|axes|channels?|columns?|cols?|headers?|fields?)([_ ]?(names?|labels?|order))?", re.IGNORECASE
 )
@@ -118,17 +117,21 @@ class _Reading:
         if not found:
             raise self.fault(why_none)
         used = {one.path.partition("/")[0].partition("[")[0] for one in found}
+        clock, *_ = self._clock_beside(found[0])
         others = [
             name
-            for name in tree
-            if name not in used and name.lower() not in _KNOWN and not name.startswith("_")
+            for name, node in tree.items()
+            if name not in used
+            and name.lower() not in _KNOWN
+            and not name.startswith("_")
+            and node is not clock
         ]
         self._refuse_axes_unread(found[0])
         return found, [f"{self._how.kind}s that are not read: {', '.join(others)[:200]}"] if others else []
 
     def _refuse_units_unread(self) -> None:
         """Refuse units under another name, of arrays, attributes and fields."""
-        if self._options.units is not None or self._source.units is not None:
+        if not self._offers:
             return
         n_axes = len(self._axes)
         holders = [one for one in self._leaves if one.leaf.is_numbers and n_axes in one.leaf.shape[-2:]]
@@ -140,10 +143,9 @@ class _Reading:
             for name, leaf in place.items()
             if UNIT_NAMES.search(name) and name.lower() not in _KNOWN and isinstance(leaf, Leaf)
         ]
+        texts = {name: ",".join(text or "" for text in _texts(leaf)) for name, leaf in named if leaf.is_text}
         try:
-            refuse_units_unread(
-                {name: ",".join(text or "" for text in _texts(leaf)) for name, leaf in named if leaf.is_text}
-            )
+            refuse_units_unread(texts, units_by_axis(self._axes, self._options.units or self._source.units))
         except TableError as error:
             raise RecordingFileError(self._source.path, error.parts) from error
 
@@ -253,7 +255,7 @@ class _Reading:
         label = self._each("y", one, of_all, self._options.label)
         session = self._each("session", one, of_all, self._options.session)
         called, rates, lengths = (self._each(what, one, of_all) for what in ("name", "rate_hz", "lengths"))
-        stamps = self._about("t", one)
+        stamps, called_clock, time_unit = self._clock_beside(one)
         clock = None if stamps is None else np.squeeze(stamps.read())  # of all recordings, or a row for each
         clock = None if clock is None or clock.ndim == 0 else clock
         self._refuse_order(values, one, label)
@@ -264,8 +266,10 @@ class _Reading:
             raise self.fault(
                 f"{one.path} {values.shape} has {width} columns without names; pass axes= with a name for each (--axes)"
             )
+        known_units |= {called_clock: time_unit} if time_unit else {}
         several = sum(len(other.leaf.shape) == 2 for other in self._leaves) > 1
         only = f"{self._source.name}[{one.path}]" if several and len(shape) == 2 else self._source.name
+        rate_hint = self.remedy.rate_beside() if clock is None and not any(rates) else None
         tables = []
         for i in range(n):
             k = i if at is None else at
@@ -285,7 +289,8 @@ class _Reading:
                     stamps=None if clock is None else (clock[i] if clock.ndim > 1 else clock)[:length],
                     label=label[k] or one.label,
                     session=session[k],
-                    clock=f"clock (t) beside {one.path}",
+                    clock=called_clock,
+                    rate_hint=rate_hint,
                 )
             )
         return tables
@@ -326,11 +331,8 @@ class _Reading:
         """Refuse recordings of one array that end in rows of zeros, and do not begin with any."""
         if self._options.array is not None or all(len(one.leaf.shape) == 2 for one in found):
             return
-        zeros = [np.asarray(~table.values.any(axis=1)) for table in tables if table.values is not None]
-        tails = [int(rows[::-1].cumprod().sum()) for rows in zeros]  # rows of zeros at the end of each
-        n_padded, longest = np.count_nonzero(tails), max(tails)
-        is_padded = len(set(tails)) > 1 and longest > max(1, _LEAST_PADDED * len(zeros[0]))
-        if not is_padded or 2 * sum(rows[0] for rows in zeros) > len(zeros):
+        n_padded = padded_by_zeros([table.values for table in tables if table.values is not None])
+        if not n_padded:
             return
         mend = ".pipe(lambda f: f.loc[f.any(axis=1)[::-1].cummax()])"
         insist = in_both(array=found[0].path)
@@ -383,6 +385,23 @@ class _Reading:
                 )
             order = f"{one.path} {values.shape} would be {values.shape[0]} recordings of {values.shape[1]} samples"
             raise self.fault(f"{order}; if that is so, pass ", in_both(array=one.path))
+
+    def _clock_beside(self, one: Found) -> tuple[Leaf | None, str, str | None]:
+        """Return the stamps beside an array, what errors call them, and what they count where their name says so."""
+        known = self._about("t", one)
+        if known is not None:
+            return known, f"clock (t) beside {one.path}", None
+        n_rows = (one.leaf.shape[-2], int(np.prod(one.leaf.shape[:-1])))
+        for name, leaf in (item for place in (one.leaf.about, *one.chain) for item in place.items()):
+            meaning = meaning_of(name)
+            if (
+                meaning.what == TIME
+                and isinstance(leaf, Leaf)
+                and leaf.is_numbers
+                and np.prod(leaf.shape) in n_rows
+            ):
+                return leaf, f"clock ({name}) beside {one.path}", meaning.unit
+        return None, f"clock (t) beside {one.path}", None
 
     def _about(self, what: str, one: Found) -> Leaf | None:
         """Return what stands beside an array: its attributes, its group, the groups around."""

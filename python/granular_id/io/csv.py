@@ -139,10 +139,16 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     return FileContent(
         [table],
         rows=whole,
-        notes=[*notes, *named],
+        notes=[*notes, *named, *_other_encoding(head, given)],
         place=place,
         in_python=lambda mend: frames_line(_opening(head), source, table, mend),
     )
+
+
+def _other_encoding(head: Head, given: Mapping[str, Any]) -> list[str]:
+    """Note that a file is read in its own encoding, which is not the one that is stated for all."""
+    own, stated = head.options.get("encoding"), given.get("encoding")
+    return [] if stated in (None, own) else [f"is {own} text, and read as such, not as {stated}"]
 
 
 def _lacks_units(names: Collection[str]) -> bool:

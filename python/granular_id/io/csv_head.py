@@ -10,6 +10,7 @@ import re
 import sys
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any, NamedTuple, cast
@@ -57,9 +58,11 @@ def head_of(path: Path, given: Mapping[str, Any]) -> Head:
     if not begins:
         raise RecordingFileError(path, "is empty (0 bytes)")
     mark = next((name for mark, name in _MARKS.items() if begins.startswith(mark)), None)
-    if mark is not None:
-        options.setdefault("encoding", mark)
-    elif "encoding" not in given and b"\0" in begins[:2] and begins[:2] != b"\0\0":
+    if "encoding" in given:
+        options["encoding"] = _own_encoding(path, str(given["encoding"]))
+    elif mark is not None:
+        options["encoding"] = mark
+    elif b"\0" in begins[:2] and begins[:2] != b"\0\0":
         encoding = "utf-16-le" if begins[1] == 0 else "utf-16-be"
         raise RecordingFileError(
             path, ("may be UTF-16 text: pass ", in_both(csv={"encoding": encoding})), line=1
@@ -156,11 +159,23 @@ def lines_of(path: Path, encoding: object, n: int) -> Iterator[str]:
 
 def refuse_half_row(head: Head) -> None:
     """Refuse a file whose last row has no end, and fewer cells than the row above."""
-    lines = [] if head.is_whole else list(lines_of(head.path, head.options.get("encoding"), sys.maxsize))
+    is_known = head.is_whole or "skipfooter" in head.options
+    lines = [] if is_known else list(lines_of(head.path, head.options.get("encoding"), sys.maxsize))
     n_cells = [len(cells_of(line, head.options)) for line in lines[-2:]]
     if len(n_cells) > 1 and len(lines) > head.below + 1 and n_cells[1] < n_cells[0]:
-        problem = f"the file ends in the middle of a row ({n_cells[1]} of {n_cells[0]} cells): it is cut off"
-        raise RecordingFileError(head.path, problem, line=len(lines))
+        problem = f"the file ends in the middle of a row ({n_cells[1]} of {n_cells[0]} cells): it is cut off; without "
+        way = ("the last row, of each file, pass ", in_both(csv={"skipfooter": 1}))
+        raise RecordingFileError(head.path, (problem, *way), line=len(lines))
+
+
+def _own_encoding(path: Path, stated: str) -> str:
+    """Return the encoding that is stated, or UTF-8 where the file is such text and would be another in that."""
+    with suppress(LookupError), _opened(path, "rb") as file:
+        own, data = encoding_of(path), file.read()
+        is_other = own.startswith("utf") and not codecs.lookup(stated).name.startswith("utf")
+        if is_other and data.decode(own) != data.decode(stated, "replace"):
+            return own
+    return stated
 
 
 def encoding_of(path: Path) -> str:

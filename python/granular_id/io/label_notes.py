@@ -28,6 +28,10 @@ def refuse_labels_of_table(made: Made, content: FileContent, source: FileSource)
         problem = f"{columns} may hold the labels of several recordings: pass "
         ways = alternatives(in_both(**way) for way in (*made.may_be_several, {"label": source.place_rule}))
         raise RecordingFileError(source.path, (problem, *ways))
+    if made.may_be_ids:
+        problem = f"{made.may_be_ids[0]!r:.60} counts stretches of rows, as recordings do: pass "
+        ways = alternatives([in_both(id=made.may_be_ids[0]), in_both(label=source.place_rule)])
+        raise RecordingFileError(source.path, (problem, *ways, " to read all of it as one"))
     if made.label_mend:
         problem = f"ids of recordings may hold their labels; if not, pass {in_both(label=source.place_rule)}"
         raise RecordingFileError(source.path, (problem, *content.in_python(made.label_mend)))
@@ -154,6 +158,19 @@ def place_note(what: str, reads: Sequence[ReadFile], alone: bool) -> str | None:
         some = ", ".join(f"{text!r:.40} of {name}" for text, name in list(texts.items())[:_EXAMPLES])
         parts.append(f"{place} ({some}{', ...' if len(texts) > _EXAMPLES else ''})")
     return f"{what}: {'; '.join(parts)}"
+
+
+def alike_labels(reads: Sequence[ReadFile]) -> list[str]:
+    """Say which labels differ in nothing but case and what stands between words."""
+    labels = sorted({one.label for read in reads for one in read.recordings if one.label is not None})
+    alike: dict[str, list[str]] = {}
+    for label in labels:
+        alike.setdefault(re.sub(r"[\W_]+", " ", label.casefold()).strip(), []).append(label)
+    several = [names for names in alike.values() if len(names) > 1]
+    if not several:
+        return []
+    shown = "; ".join(", ".join(map(repr, names[:_EXAMPLES])) for names in several[:_EXAMPLES])
+    return [f"labels that differ by case or blanks only are materials of their own: {shown}; call them alike"]
 
 
 def pauses_in(reads: Sequence[ReadFile]) -> list[str]:

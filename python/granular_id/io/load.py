@@ -20,6 +20,7 @@ from granular_id.io.csv_head import last_width
 from granular_id.io.files import RecordingFileError, check_place, failed
 from granular_id.io.index import INDEX_NAME
 from granular_id.io.label_notes import (
+    alike_labels,
     labels_of_one,
     other_sessions,
     pauses_in,
@@ -176,7 +177,7 @@ def load(
     reads = list(reading.files(progress, parts=False))
     if any(read.may_be_labels for read in reads):
         refuse_labels_of_files(path, reads)
-    return reading.dataset(reads, notes=pauses_in(reads) or labels_of_one(reads))
+    return reading.dataset(reads, notes=alike_labels(reads) + (pauses_in(reads) or labels_of_one(reads)))
 
 
 def load_parts(
@@ -447,7 +448,7 @@ def _made(content: FileContent, source: FileSource) -> ReadFile:
             place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
             lines = content.in_python(error.mend) if error.mend else []
             raise RecordingFileError(source.path, [*error.parts, *lines], **place) from error
-        if made.may_be_labels or made.label_mend or made.may_be_several:
+        if made.may_be_labels or made.label_mend or made.may_be_several or made.may_be_ids:
             refuse_labels_of_table(made, content, source)
         read.may_be_labels = made.may_be_labels or content.may_be_labels
         for name, texts in made.may_be_sessions.items():

@@ -20,8 +20,9 @@ from granular_id.recording import AXES, LABEL, LABEL_NAMES, RECORDING, TIME, Tab
 
 MOST_LISTED = 8
 
-_RATES = re.compile(r"fs|(sampl(e|ing)_?)?(rate|freq(uency)?)(_?hz)?", re.IGNORECASE)
-"""Names of rates, for ways out only: people see what they type."""
+_RATES = re.compile(r"fs|((sampl(e|ing)|control)_?)?(rate|freq(uency)?)(_?hz)?", re.IGNORECASE)
+_PERIODS = re.compile(r"(?:dt|time_?step|(?:sampl(?:e|ing)_?)?(?:period|interval))(?:_(m?)s)?", re.IGNORECASE)
+"""Names of rates, and of the time between samples, for ways out only: people see what they type."""
 
 SIGNAL = re.compile(
     r"wrench|force|torque|filtered|arr_\d|^x$|(^|[\W_])(raw|ft|data|signals?|samples?|sensor)[\W_\d]*$",
@@ -210,8 +211,7 @@ class Remedy:
             elif options.rate_hz is None and any(
                 one.rate_hz is None and one.stamps is None for one in tables
             ):
-                rate = self._rate_leaf()
-                way["rate_hz"] = RATE if rate is None else float(np.ravel(rate.leaf.read())[0])
+                way["rate_hz"] = RATE if (own := self.rate_beside()) is None else own[1]
             if rule is not None and self._given.label is None:
                 way["label"] = rule
             known = rule or self._source.label_known or all(table.label for table in tables)
@@ -319,7 +319,19 @@ class Remedy:
         if self._given.rate_hz is not None:
             return f"{self._given.rate_hz:g}"
         one = self._rate_leaf()
-        return RATE if one is None else f"float(numpy.ravel({self._how.item(one)})[0])"
+        if one is None:
+            return RATE
+        text, period = f"float(numpy.ravel({self._how.item(one)})[0])", _PERIODS.fullmatch(one.name)
+        return text if period is None else f"{1000 if period[1] else 1} / {text}"
+
+    def rate_beside(self) -> tuple[str, float] | None:
+        """Return the name and the value of what is called like a rate, or like the time between samples."""
+        one = self._rate_leaf()
+        value = 0.0 if one is None else float(np.ravel(one.leaf.read())[0])
+        if one is None or not 0 < value < np.inf:
+            return None
+        period = _PERIODS.fullmatch(one.name)
+        return one.name, value if period is None else (1000 if period[1] else 1) / value
 
     def _rate_leaf(self) -> Found | None:
         """Return the number that is called like a rate."""
@@ -328,7 +340,8 @@ class Remedy:
             for one in self._arrays
             for key, leaf in one.leaf.about.items()
         ]
-        named = (one for one in [*about, *self._every] if one.leaf.is_numbers and _RATES.fullmatch(one.name))
+        every = [one for one in [*about, *self._every] if one.leaf.is_numbers]
+        named = [one for names in (_RATES, _PERIODS) for one in every if names.fullmatch(one.name)]
         return next((one for one in named if np.size(one.leaf.read())), None)
 
     def _list_of(self, arrays: Sequence[Found]) -> str:

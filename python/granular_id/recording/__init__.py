@@ -49,7 +49,11 @@ from granular_id.recording.conversion import (
     to_recordings as to_recordings,
 )
 from granular_id.recording.dataset import Dataset
-from granular_id.recording.frames import names_in as names_in, stated_beside as stated_beside
+from granular_id.recording.frames import (
+    names_in as names_in,
+    padded_by_zeros as padded_by_zeros,
+    stated_beside as stated_beside,
+)
 from granular_id.recording.onset import ONSET_STEP as ONSET_STEP
 from granular_id.recording.payload import Payload
 from granular_id.recording.recording import (

@@ -44,6 +44,9 @@ _LONGEST_STEP_S, _SHORTEST_STEP_S = 0.1, 1e-5
 _MOST_LATE = 0.1
 """If more samples than this part are late, a clock that ran back to its begin was started again."""
 
+_BURST, _MANY_LATE = 0.1, 0.5
+"""Stamps that follow each other within this part of the mean step came in packets, if more than this part does so."""
+
 _DAYS = ".assign(**{{{clock!r}: lambda f: f[{clock!r}] * 86400}})"
 
 SEVERAL = "several recordings must be distinguished: a file each, or a column that does (id=, --id)"
@@ -290,6 +293,12 @@ def rate_of(
         return known_hz, None
     if stated_hz is not None:
         return stated_hz, _ignored_clock(time_s, steps, stated_hz)
+    near = steps[(steps > 0) & (steps <= MAX_GAP_S)]
+    if file_hz is None and len(near) > 1 and np.mean(near < _BURST * near.mean()) > _MANY_LATE:
+        packets = f"most samples follow within {_BURST:g} of the mean step, {1000 * near.mean():.3g} ms: readings came "
+        raise TableError(
+            (f"{packets}in packets; state the rate in Hz at which they were taken: pass ", STATE_RATE)
+        )
     rate_hz = uniform_rate(time_s, resolution_s=stamps.resolution_s)
     if rate_hz is not None or (digit_s := _last_digit(time_s)) is None:
         return rate_hz, None

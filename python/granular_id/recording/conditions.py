@@ -66,7 +66,13 @@ def mixed_setup_warnings(data: Dataset) -> list[str]:
     follows = dict.fromkeys(("frame", "transform", "sign"), "nothing is turned")
     follows["read_as"] = "another topic or array is another signal"
     follows |= dict.fromkeys(("compensated", *taken_off(known)), "their forces do not count from one zero")
-    return [
+    units = []
+    if len({one.axes for one in data}) == 1:
+        try:
+            common_units(data)
+        except GranularIdError as error:
+            units = [f"warning: {error}"]
+    return units + [
         f"warning: recordings differ in their {name}: {', '.join(map(quoted, values))}; {what}"
         for name, what in follows.items()
         if len(values := known.get(name, ())) > 1

@@ -61,6 +61,13 @@ _MANY = 5
 _THOUSANDS = 0.1
 """The part by which a thousandth may be off the stamp before."""
 
+_RUN_NAMES = re.compile(
+    r"(recording|trial|push|run|rep(etition|lica)?|take|test|exp(eriment)?|measurement|episode|versuch|lauf|messung|ensayo|essai|prova)"
+    r"([\s_.-]?(id|no|nr|num(ber)?|idx|index|count))?",
+    re.IGNORECASE,
+)
+"""Names of columns that count recordings, beside those of ids."""
+
 _ID_END = r"[\W_]*\d*(\.\w+)?$"
 
 
@@ -79,6 +86,9 @@ class Made:
 
     may_be_several: Sequence[Mapping[str, str]] = ()
     """Options that make several recordings of one without a label: the columns of labels and of ids."""
+
+    may_be_ids: Sequence[str] = ()
+    """Columns that are not read, called like runs and counting stretches of rows, where there is no id."""
 
     label_mend: str = ""  # the method of a data frame that makes labels of the ids, where no column may be it
 
@@ -111,6 +121,8 @@ def to_recordings(table: Table, stated: Stated) -> Made:
     if SESSION not in picked.columns and table.session is None and len(table.columns) > len(picked.called):
         named = {name: cells for name, cells in table.columns.items() if SESSION_NAMES.fullmatch(name)}
         made.may_be_sessions = _label_columns(named, picked, [rows for rows, _ in parts], SESSION_NAMES)
+    if RECORDING not in picked.columns:
+        made.may_be_ids = _run_columns(table, picked)
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
         made.recordings.append(part.recording())
@@ -161,6 +173,13 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
 def _id_anew(name: str) -> str:
     """Return the column that ids made anew go into: the one that is found by its name, or another."""
     return name if meaning_of(name).what == RECORDING else "recording"
+
+
+def _run_columns(table: Table, picked: Picked) -> list[str]:
+    """Return the columns that are not read, are called like runs, and count stretches of rows."""
+    unread = {name: cells for name, cells in table.columns.items() if name not in picked.called.values()}
+    called = [name for name in unread if _RUN_NAMES.fullmatch(name)]
+    return [name for name in called if 0 < len(_changes(unread[name])) < len(unread[name]) / _MANY]
 
 
 def _label_columns(
@@ -429,7 +448,11 @@ class _Part:
         ]
         ways = [in_both(time=name) for name in counting[:_MOST_OFFERED]]
         columns = ["; if it is the clock pass ", *alternatives(ways)] if ways else []
-        return [f"has no {clock} and no rate is stated; pass ", STATE_RATE, ", the one in Hz", *columns]
+        way: tuple[str, ...] = (STATE_RATE, ", the one in Hz")
+        if self._table.rate_hint is not None:
+            name, rate_hz = self._table.rate_hint
+            way = (in_both(rate_hz=rate_hz), f", as {name!r:.60} has it")
+        return [f"has no {clock} and no rate is stated; pass ", *way, *columns]
 
     def _rate_in_table(self) -> float | None:
         """Return the rate that a column of the table states."""
@@ -461,16 +484,22 @@ class _Part:
                     begins = _changes(self._columns[what])
                     ids = _ids(self._table, self._picked, self._rows, begins)
                     ids = [name for name in ids if _changes(self._table.columns[name][self._rows]) != begins]
-                    if RECORDING not in self._columns and ids:
+                    counts, stamps = _run_columns(self._table, self._picked), self._columns.get(TIME)
+                    is_clock = stamps is not None and stamps.dtype.kind in "iuf"
+                    steps = np.diff(stamps) if stamps is not None and is_clock else np.array([])
+                    has_pauses = bool(steps.size) and bool(steps.max() > _PAUSE * np.median(steps) > 0)
+                    if RECORDING in self._columns:
+                        pass
+                    elif ids:
                         problem += ["; to tell recordings apart pass ", in_both(id=ids[0])]
-                    elif RECORDING not in self._columns and len(_changes(self._columns[what])) >= len(kinds):
-                        anew = f"f[{column!r}] != f[{column!r}].shift()"
-                        clock, stamps = self._picked.called.get(TIME), self._columns.get(TIME, np.array([]))
-                        steps = np.diff(stamps) if stamps.dtype.kind in "iuf" else np.array([])
-                        if steps.size and steps.max() > _PAUSE * np.median(steps) > 0:
-                            anew = f"({anew}) | (f[{clock!r}].diff() > {_PAUSE * np.median(steps):.3g})"
+                    elif counts or has_pauses or len(begins) >= len(kinds):
+                        names = [column, *counts]
+                        anew = f"(f[{names}] != f[{names}].shift()).any(axis=1)"
+                        if has_pauses:
+                            clock = self._picked.called[TIME]
+                            anew = f"{anew} | (f[{clock!r}].diff() > {_PAUSE * np.median(steps):.3g})"
                         mend = f".assign(recording=lambda f: ({anew}).cumsum())"
-                    elif RECORDING not in self._columns:
+                    else:
                         problem += ["; to take each as a recording pass ", in_both(id=column)]
                     raise TableError(problem, int(self._rows[0]), column, mend=mend)
                 text = kinds[0] or text

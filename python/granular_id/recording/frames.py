@@ -28,6 +28,9 @@ from granular_id.recording.report import StepReport
 from granular_id.recording.table import Stated, Table
 
 TimeUnit = Literal["s", "ms", "us", "ns", "sample"]
+_LEAST_PADDED = 0.02
+"""The part of a recording in zeros at its end that is more than a sensor at rest has."""
+
 _ARRAYS = "(n, T, C): recordings, samples, axes; or a list of arrays (T, C)"
 
 
@@ -41,6 +44,10 @@ def recordings_of_arrays(
     """Make the recordings of arrays; see :meth:`Dataset.from_arrays`, which calls this."""
     rate = finite_number("rate_hz", rate_hz, positive=True)
     arrays = _arrays(X)
+    if isinstance(X, np.ndarray) and (n_padded := padded_by_zeros(arrays)):
+        problem = f": {n_padded} of {len(X)} recordings end in rows of zeros, as what is padded"
+        way = "wanted a list of arrays cut to their lengths, [x[:n] for x, n in zip(X, lengths)]; list(X) keeps zeros"
+        raise argument_error(GranularIdError, "X", f"{problem}; {way}")
     labels, days, called = (
         _texts(given, what, len(arrays), "recording") for what, given in of_recordings.items()
     )
@@ -48,7 +55,10 @@ def recordings_of_arrays(
     n_axes = arrays[0].shape[1]
     if known is None and n_axes != len(AXES):
         problem = f"names none, and X[0] has the shape {arrays[0].shape}; wanted a name for each column"
-        raise argument_error(GranularIdError, "axes", f"{problem}, or X of shape {_ARRAYS}")
+        turned = "X.transpose(0, 2, 1)" if isinstance(X, np.ndarray) else "[x.T for x in X]"
+        way = f", as {turned} has it" if arrays[0].shape[0] == len(AXES) else ""
+        way = "; of a clock in the first column [x[:, 1:] for x in X]" if n_axes == len(AXES) + 1 else way
+        raise argument_error(GranularIdError, "axes", f"{problem}, or X of shape {_ARRAYS}{way}")
     columns = checked_axes(known, arrays[0].shape)
     stated = Stated(axes=columns, units=names_in("units", units, empty=True))
     units_by_axis(columns, stated.units)
@@ -58,6 +68,15 @@ def recordings_of_arrays(
         for i, array in enumerate(arrays)
     ]
     return _made(tables, stated, "X", "from_arrays", {"of": "arrays", "rate_hz": rate})
+
+
+def padded_by_zeros(arrays: Sequence[NDArray[Any]]) -> int:
+    """Return how many recordings of one array end in rows of zeros that others do not have; 0 where none is padded."""
+    zeros = [np.asarray(~values.any(axis=1)) for values in arrays]
+    tails = [int(rows[::-1].cumprod().sum()) for rows in zeros]  # rows of zeros at the end of each
+    is_padded = len(set(tails)) > 1 and max(tails) > max(1, _LEAST_PADDED * len(zeros[0]))
+    begin_so = 2 * sum(rows[0] for rows in zeros) > len(zeros)
+    return int(np.count_nonzero(tails)) if is_padded and not begin_so else 0
 
 
 def recordings_of_frames(
@@ -113,9 +132,9 @@ def columns_in(frame: Any, argument: str = "frame") -> dict[str, NDArray[Any]]:
     """Return the columns of a table by name; the index of pandas comes first where it is a clock or has a name."""
     names = column_names(frame, argument)
     if names is None:
-        raise argument_error(
-            TypeError, argument, f"is a {type(frame).__name__}; wanted a table with named columns"
-        )
+        grouped = "; of a groupby [table for _, table in ...]" * isinstance(frame, tuple)
+        problem = f"is a {type(frame).__name__}; wanted a table with named columns{grouped}"
+        raise argument_error(TypeError, argument, problem)
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
         raise argument_error(GranularIdError, argument, f"has two columns {twice!r}")
@@ -195,6 +214,11 @@ def names_in(argument: str, value: object, *, empty: bool = False) -> tuple[str,
 
 def _arrays(X: Any) -> list[NDArray[np.float64]]:
     """Return one read-only array (T, C) a recording."""
+    if isinstance(X, Mapping) and all(np.ndim(one) > 1 for one in X.values()):
+        problem = (
+            f"is a {type(X).__name__} of arrays; wanted {_ARRAYS}: list(X.values()), with y=list(X) where"
+        )
+        raise argument_error(TypeError, "X", f"{problem} each is one recording called as its label")
     refuse_table(X, "X")
     if isinstance(X, np.ndarray) and X.dtype != object:
         block = as_floats(X, "X", f"a real array of shape {_ARRAYS}")

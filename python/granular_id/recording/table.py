@@ -53,6 +53,7 @@ class Table:
     )  # metadata that are not read, but must not state units
     stamps: NDArray[Any] | None = None  # the clock of `values`: seconds, or numpy's dates
     rate_hz: float | None = None
+    rate_hint: tuple[str, float] | None = None  # what is called like a rate, and is not read, with its value
     label: str | None = None
     session: str | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
@@ -113,10 +114,11 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
     axes = named_axes or AXES
     if RECORDING in called and RECORDING not in dict(named) and _numbers_rows(cells[called[RECORDING]]):
         del called[RECORDING]
-    if stated.units is None and not table.units and not all(meaning_of(called[axis]).unit for axis in axes):
+    if not table.units.keys() - {table.clock} and not all(meaning_of(called[axis]).unit for axis in axes):
         one_each = [name for name in cells if UNIT_NAMES.search(name) and len(set(cells[name].tolist())) == 1]
         of_columns = {name: cell_text(cells[name][0]) for name in one_each}
-        refuse_units_unread({**table.meta, **stated.meta, **table.beside, **of_columns})
+        beside = {**table.meta, **stated.meta, **table.beside, **of_columns}
+        refuse_units_unread(beside, units_by_axis(axes, stated.units))
     scales, units, notes = _units_of(axes, called, table, stated)
     columns = {what: cells[name] for what, name in called.items() if what not in axes}
     time_unit = None if TIME not in called else table.units.get(called[TIME]) or meaning_of(called[TIME]).unit
@@ -142,8 +144,8 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
     return Picked(wrench, axes, called, units, notes, columns, time_unit)
 
 
-def refuse_units_unread(beside: Mapping[str, Any]) -> None:
-    """Refuse units of forces or torques that stand where none are read, but for N and N m."""
+def refuse_units_unread(beside: Mapping[str, Any], wanted: Mapping[str, str]) -> None:
+    """Refuse units of forces or torques that stand where none are read: others than are `wanted`, or N and N m."""
     found: dict[str, list[str]] = {}
     for name, text in beside.items():
         if not UNIT_NAMES.search(name) or not isinstance(text, str):
@@ -153,13 +155,18 @@ def refuse_units_unread(beside: Mapping[str, Any]) -> None:
             found[name] = units
         elif SCALED_UNITS.search(text):
             found[name] = [text.strip()]
+    every_pair = [(name, axis, unit) for name in found for axis in wanted for unit in found[name]]
+    for name, axis, unit in every_pair:
+        scales = [factor(one, unit_of(axis)) for one in (unit, wanted[axis])] if axis in AXES else [None]
+        if None not in scales and scales[0] != scales[1]:
+            raise TableError(f"{name!r:.60} states {unit!r:.40}, and units= {wanted[axis]!r:.40} of {axis}")
     scaled = [
         name
         for name, units in found.items()
         if not any(1.0 in (factor(one, "N"), factor(one, "N m")) for one in units)
         or len({factor(one, "N") or factor(one, "N m") for one in units}) > 1
     ]
-    if not scaled:
+    if not scaled or wanted:
         return
     kinds = [_KIND_OF_UNITS.match(name) for name in found]
     of_kind = {kind[0][0].lower(): found[name] for name, kind in zip(found, kinds, strict=True) if kind}

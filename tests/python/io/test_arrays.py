@@ -459,6 +459,29 @@ def test_units_under_another_name_are_refused(tmp_path):
     np.testing.assert_allclose(load(tmp_path / "a.npz", units=["N", "Nmm"]).X, X, atol=1e-12)
 
 
+@pytest.mark.parametrize("stated", ["N", "N,lbf in"])
+def test_units_stated_against_those_of_a_file_are_refused(tmp_path, stated):
+    np.savez(tmp_path / "a.npz", X=X, y=LABELS, fs=500, force_unit="mN", torque_unit="N m")
+    with pytest.raises(RecordingFileError, match=r"states '.*', and units= '"):
+        load(tmp_path / "a.npz", units=stated)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("dt", 0.002), ("time_step_ms", 2), ("sampling_rate", 500), ("control_freq", 500)]
+)
+def test_rates_under_another_name_are_in_the_way_out(tmp_path, name, value):
+    np.savez(tmp_path / "a.npz", X=X, y=LABELS, **{name: value})
+    assert options_of(tmp_path / "a.npz") == [{"rate_hz": 500}]
+
+
+@pytest.mark.parametrize(("name", "per_s"), [("timestamps", 1), ("t_ms", 1000)])
+def test_clocks_under_another_name_are_read(tmp_path, name, per_s):
+    np.savez(tmp_path / "a.npz", X=X, y=LABELS, **{name: T * per_s}, camera_time=np.arange(7))
+    data = load(tmp_path / "a.npz")
+    assert data.rate_hz == 500
+    assert any(note.endswith("not read: camera_time") for note in data.history[-1].notes)
+
+
 @pytest.mark.parametrize("how", ["attribute", "field"])
 def test_units_of_attributes_and_fields_are_refused(tmp_path, how):
     scaled = X * [1, 1, 1, 1000, 1000, 1000]

@@ -166,6 +166,14 @@ def test_pauses_stay_in_the_stamps_and_no_rate_closes_them(tmp_path):
     assert (len(parts), parts.rate_hz, parts[2].n_samples) == (3, 500, 40)
 
 
+def test_packets_with_stamps_of_their_own_want_the_rate(tmp_path):
+    sample = np.arange(120)
+    frame(time=sample // 4 * 4 / 500 + sample % 4 * 2e-5).to_csv(tmp_path / "a.csv", index=False)
+    refused(tmp_path / "a.csv", "came in packets.*rate_hz=RATE")
+    (recording,) = load(tmp_path / "a.csv", rate_hz=500)
+    assert (recording.rate_hz, recording.n_samples) == (500, 120)
+
+
 @pytest.mark.parametrize("packet", [2, 5])
 def test_packets_between_pauses_are_split_at_a_stated_rate(tmp_path, packet):
     sample = np.arange(120)

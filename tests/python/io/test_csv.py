@@ -157,6 +157,7 @@ DASHES = GOOD.replace(b"0.00,1.5,2,3,4,5,6", b"0.00,--,--,--,--,--,--") + b"0.03
         (DASHES, "csv={'na_values': '--'}", {"csv": {"na_values": "--"}}),
         (GOOD + b"0.03,1,2,3,4,5,6,7\n", "csv={'on_bad_lines': 'skip'}", {"csv": {"on_bad_lines": "skip"}}),
         (GOOD + b"Mean,1,2,3,4,5,6\n", "csv={'skipfooter': 1}", {"csv": {"skipfooter": 1}}),
+        (GOOD + b"0.03,1,2,3", "csv={'skipfooter': 1}", {"csv": {"skipfooter": 1}}),
         (GOOD.replace(b"1.5", b'"1,001.5"'), "csv={'thousands': ','}", {"csv": {"thousands": ","}}),
         (LATIN, "csv={'encoding': 'cp1252'}", {"csv": {"encoding": "cp1252"}}),
         (GOOD.replace(b"time", b"clock"), "the clock pass time='clock' (--time clock)", {"time": "clock"}),

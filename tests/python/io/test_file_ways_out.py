@@ -205,6 +205,25 @@ def test_commas_of_both_kinds_have_no_way_that_reads_other_columns(tmp_path):
     assert not caught.value.ways
 
 
+@pytest.mark.parametrize("name", ["push", "trial_no", "Versuch"])
+def test_runs_that_a_column_counts_are_not_one_recording(tmp_path, name):
+    for label in ("rice", "peas"):
+        runs = table(np.tile(W, (3, 1))).assign(**{name: np.repeat([1, 2, 3], 60)})
+        write_lines(tmp_path / f"{label}.csv", lines(runs))
+    of_runs, of_files = (load(tmp_path, **way) for way in options_of(tmp_path))
+    assert of_runs.y.tolist() == ["peas"] * 3 + ["rice"] * 3
+    assert of_files.y.tolist() == ["peas", "rice"]
+
+
+def test_files_in_an_encoding_of_their_own_are_read_in_it(tmp_path):
+    text = "\n".join(lines(table(material="M\N{LATIN SMALL LETTER U WITH DIAERESIS}sli")))
+    for name, encoding in (("a", "cp1252"), ("b", "utf-8")):
+        (tmp_path / f"{name}.csv").write_bytes(text.encode(encoding))
+    data = load(tmp_path, csv={"encoding": "cp1252"})
+    assert data.labels == ("M\N{LATIN SMALL LETTER U WITH DIAERESIS}sli",)
+    assert "is utf-8 text, and read as such, not as cp1252" in data.history[-1].notes
+
+
 def test_a_rate_above_the_names_is_not_contradicted(tmp_path):
     write_lines(tmp_path / "a.csv", ["Sample Rate: 1 kHz", *lines(table()[AXES])])
     with pytest.raises(RecordingFileError, match="sampled at 1000 Hz, but a rate of 500 Hz is stated"):

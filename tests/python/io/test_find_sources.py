@@ -101,6 +101,14 @@ def test_results_beside_recordings_are_no_index(tmp_path):
     assert load(tmp_path).labels == ("peas", "rice")
 
 
+def test_labels_that_differ_by_case_are_noted_first(tmp_path):
+    names = ["fine_sugar_1.csv", "Fine sugar_2.csv", "rice_1.csv", "rice_2.csv"]
+    notes = load(tree(tmp_path, *names)).history[-1].notes
+    assert notes[0].startswith(
+        "labels that differ by case or blanks only are materials of their own: 'Fine sugar'"
+    )
+
+
 def test_labels_of_two_parts_are_noted(tmp_path):
     names = [f"{who}_{what}_{i}.csv" for who in ("anna", "bert") for what in ("rice", "peas") for i in (1, 2)]
     first, *_ = load(tree(tmp_path, *names)).history[-1].notes

@@ -89,6 +89,14 @@ REFUSED = {
         ({"X": "rice"}, "X is a str", TypeError),
         ({"X": X.astype(str)}, "X has dtype", TypeError),
         ({"X": X[:, :, :4]}, "axes names none"),
+        ({"X": X.transpose(0, 2, 1)}, "as X.transpose(0, 2, 1) has it"),
+        ({"X": [x.T for x in X]}, "as [x.T for x in X] has it"),
+        ({"X": np.concatenate([X[..., :1], X], axis=2)}, "clock in the first column [x[:, 1:] for x in X]"),
+        ({"X": dict(zip("abcd", X, strict=True))}, "X is a dict of arrays; wanted", TypeError),
+        (
+            {"X": X * (np.arange(X.shape[1]) < 20)[:, None] ** np.array([0, 1, 1, 0])[:, None, None]},
+            "2 of 4 recordings",
+        ),
         (
             {"X": [FRAME[[*AXES[::-1]]]]},
             "pass Dataset.from_frames",

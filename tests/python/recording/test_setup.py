@@ -232,6 +232,14 @@ def test_recordings_of_other_topics_or_arrays_are_warned_of(data):
         assert mixed_setup_warnings(Dataset(with_meta(data, **first))) == []
 
 
+def test_recordings_in_other_units_are_warned_of(data):
+    axes = ("wx", "wy", "wz", "ax", "ay", "az")
+    units = [{"units": dict.fromkeys(axes, unit)} for unit in ("m/s2", "g")]
+    mixed = Dataset([gid.Recording(data[0].wrench, rate_hz=500, axes=axes, meta=one) for one in units])
+    (warned,) = mixed_setup_warnings(mixed)
+    assert "recordings differ in the units of their axes" in warned
+
+
 def test_model_without_set_up_says_nothing_false(data):
     bare = gid.Identifier.fit(with_meta(data), "hfmh", estimate=False)
     turned = with_meta(data, frame="another", tool="spoon")
