@@ -18,7 +18,8 @@ from granular_id.cli.outputs import show
 if TYPE_CHECKING:
     from granular_id.recording import Dataset, Recording
 
-_MOST_LINES = 6
+_FEW_LINES, _MOST_LINES, _ALL_LINES = 4, 6, 14
+"""Lines of what was read: ahead of figures, where something was left out, and where nothing else is printed."""
 
 _OTHER_RATE = 1.9
 """Usual steps of a recording, in those of all, from which on it was sampled at another rate."""
@@ -64,7 +65,8 @@ def read(
         given = {name: options[name] for name in _OF_INFO if name in options}
         # what has files that cannot be read is no data set of `data info`
         rest = rest or history_of(path, given, "check" if skipped else "info")
-        show("\n".join(lines), err=True, most=_MOST_LINES if skipped else 4, rest=rest)
+        most = _ALL_LINES if output is not None else _MOST_LINES if skipped else _FEW_LINES
+        show("\n".join(lines), err=True, most=most, rest=rest)
     return data
 
 

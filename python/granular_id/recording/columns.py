@@ -131,6 +131,8 @@ def units_by_axis(axes: Sequence[str], units: Sequence[str] | None) -> dict[str,
     """Return the unit stated of each axis: of one for all, one an axis, or one for each of several equal runs."""
     if not units:
         return {}
+    measured = [axis for axis in axes if meaning_of(axis).what != TIME]
+    axes = axes if len(units) == len(axes) else measured
     run = len(axes) // len(units)
     if len(units) not in (1, len(axes)) and 3 * len(units) != len(axes):
         problem = f"has {len(units)} for {len(axes)} axes ({', '.join(axes)})"

@@ -56,18 +56,19 @@ def test_check_exits_with_3_on_errors_only(folder, pushes, tmp_path):
 
 def test_check_names_each_unreadable_file_and_goes_on(tmp_path, monkeypatch):
     source = saved(make(), tmp_path / "in")
-    for name in ("oat_03.csv", "oat_05.csv"):
-        (source / "oat" / name).write_text("nonsense\n", encoding="utf-8")
+    bad = sorted(source.glob("*/*.csv"))[1:25:2]
+    for path in bad:
+        path.write_text("nonsense\n", encoding="utf-8")
     result = run("data", "check", source, "--json", tmp_path / "check.json")
     assert result.exit_code == 3, result.output
-    assert result.stdout.startswith("2 files cannot be read:\n")
-    assert "28 recordings checked" in result.stdout
+    assert result.stdout.startswith("12 files cannot be read:\n")
+    assert "18 recordings checked" in result.stdout
     unreadable = written(tmp_path / "check.json")["unreadable"]
-    assert [name in text for name, text in zip(("oat_03", "oat_05"), unreadable, strict=True)] == [True] * 2
+    assert [path.name in text for path, text in zip(bad, unreadable, strict=True)] == [True] * 12
     monkeypatch.chdir(tmp_path)
     report = run("data", "convert", "in", "x.npz", "--on-error", "skip").stderr
     (rest,) = re.findall(r"more lines: granular-id (.*)", report)
-    assert "oat_05.csv" in run(*rest.split()).stdout
+    assert bad[1].name in run(*rest.split()).stdout
 
 
 def test_check_says_where_set_ups_differ(pushes, tmp_path):
