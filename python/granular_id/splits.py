@@ -20,7 +20,8 @@ from granular_id._checks import argument_error, whole_number
 from granular_id._core import GranularIdError
 from granular_id._estimators import routed
 from granular_id._text import counted, listed, verb
-from granular_id.recording import Dataset, condition_of, overlapping_windows, recordings_cut
+from granular_id.conditions import condition_of
+from granular_id.recording import Dataset, overlapping_windows, recordings_cut
 
 Rows = NDArray[np.intp]
 Values = Sequence[str | None] | NDArray[Any]

@@ -19,7 +19,8 @@ from granular_id._files import MODELS, refuse_other_kind, whole_file
 from granular_id._schema import EACH, check_form
 from granular_id.confidence import CandidateRule, UnknownRule, softmax
 from granular_id.features import FeatureSpec
-from granular_id.recording import Dataset, Requirements
+from granular_id.identifier.requirements import Requirements
+from granular_id.recording import Dataset
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -30,12 +30,16 @@ from granular_id.recording.columns import (
     same_unit as same_unit,
     units_by_axis as units_by_axis,
 )
-from granular_id.recording.conditions import (
+from granular_id.recording.conversion import (
+    Made as Made,
+    restated as restated,
+    to_recordings as to_recordings,
+)
+from granular_id.recording.dataset import Dataset
+from granular_id.recording.descriptions import (
     PAUSE_S as PAUSE_S,
     SEVERE_PREFIXES as SEVERE_PREFIXES,
-    Requirements as Requirements,
     common_units as common_units,
-    condition_of as condition_of,
     data_warnings as data_warnings,
     describe_data as describe_data,
     labelled_check_note as labelled_check_note,
@@ -43,12 +47,6 @@ from granular_id.recording.conditions import (
     setups_in as setups_in,
     short_warnings as short_warnings,
 )
-from granular_id.recording.conversion import (
-    Made as Made,
-    restated as restated,
-    to_recordings as to_recordings,
-)
-from granular_id.recording.dataset import Dataset
 from granular_id.recording.frames import (
     names_in as names_in,
     padded_by_zeros as padded_by_zeros,
@@ -62,6 +60,7 @@ from granular_id.recording.recording import (
     SampleFlag,
     checked_axes as checked_axes,
     shared_base as shared_base,
+    single_values as single_values,
     unit_of as unit_of,
 )
 from granular_id.recording.report import (
@@ -78,6 +77,7 @@ from granular_id.recording.setup import (
     refuse_or_list as refuse_or_list,
     setup_differences as setup_differences,
     setup_mismatch as setup_mismatch,
+    taken_off as taken_off,
     unit_differences as unit_differences,
     values_in as values_in,
 )

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from evaluation_cases import LABELS, TOOLS, make_data, with_tools
+from granular_id.conditions import conditions_in
 from granular_id.evaluation import matched_draws
 from granular_id.recording import Dataset, Recording
-from granular_id.recording.conditions import conditions_in
 from granular_id.splits import checked_groups, choice_folds, groups_of, hold_out, paper_folds
 
 

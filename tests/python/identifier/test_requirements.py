@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from granular_id.recording import AXES, Dataset, Recording, Requirements
+from granular_id.identifier.requirements import Requirements
+from granular_id.recording import AXES, Dataset, Recording
 
 N, RATE = 20, 100.0
 
