@@ -155,7 +155,8 @@ class Dataset:
         X : array_like, shape (n, T, C), or sequence of array_like, shape (T, C)
             Samples: recordings, samples, axes; fx fy fz in N and tx ty tz in N m unless `axes` or `units` say
             otherwise. Rows that are NaN in all axes are missing samples: at the end of a recording they are padding,
-            elsewhere they leave a gap.
+            elsewhere they leave a gap. One array whose recordings end in different numbers of rows of zeros is
+            refused, as it was padded; in a list zeros are samples.
         y : sequence of str or numbers, length n, optional
             Labels; None where one is unknown.
         rate_hz : float
@@ -231,7 +232,8 @@ class Dataset:
         sessions, names : sequence, optional
             Session and name of each table.
         units : str or sequence of str, optional
-            Units of the axes where their names state none, as in `from_arrays`.
+            Units of the axes where neither their names, ``attrs["units"]`` of pandas nor the metadata of a pyarrow
+            field (``unit``) state them, as in `from_arrays`.
         rate_hz : float, optional
             Sampling rate where there is no clock, or one that stamps come in packets by.
         time_unit : {"s", "ms", "us", "ns", "sample"}, optional
