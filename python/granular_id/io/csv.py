@@ -237,10 +237,10 @@ def _columns(frame: Any, head: Head) -> tuple[Columns, list[str]]:
     """Return the columns under their names; those without a name number the rows, are a clock, or are refused."""
     columns: Columns = {}
     notes: list[str] = []
-    for i, label in enumerate(frame.columns):
+    for i, (label, series) in enumerate(frame.items()):
         name = str(label).strip()
         name = name.lstrip("#% ") if i == 0 else name
-        cells = frame.iloc[:, i].to_numpy()
+        cells = series.to_numpy()
         if UNNAMED.fullmatch(name) is None:
             columns[name] = cells
         elif (
@@ -251,7 +251,7 @@ def _columns(frame: Any, head: Head) -> tuple[Columns, list[str]]:
         ):
             columns["time"] = cells  # an index of dates that pandas wrote
             notes.append("the first column has no name and holds dates: it is the time")
-        elif not frame.iloc[:, i].isna().all() and not _counts(cells):  # else it is empty, or an index
+        elif not series.isna().all() and not _counts(cells):  # else it is empty, or an index
             if way_out := _names_given(head):
                 raise RecordingFileError(head.path, ("columns have no names", *way_out), line=head.line)
             problem = (
@@ -267,9 +267,9 @@ def _text_rows(columns: Columns) -> dict[int, tuple[str, bool]]:
     """Find lines that are no samples: text where the first column has numbers, or dates; and whether figures follow."""
     names = list(columns)
     cells = columns[names[0]] if names else np.array([])
-    texts = {row: cell for row, cell in enumerate(cells.tolist()) if isinstance(cell, str)}
-    if cells.dtype.kind != "O" or not texts:
+    if cells.dtype.kind != "O":
         return {}
+    texts = {row: cell for row, cell in enumerate(cells.tolist()) if isinstance(cell, str)}
     odd = {row: text for row, text in texts.items() if not re.match(r"\s*[-+.]?\d", text)}
     if 2 * len(odd) > len(cells):
         return {}
