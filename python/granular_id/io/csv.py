@@ -59,10 +59,12 @@ _UNITS_ABOVE = re.compile(
 _KIND_WORDS = re.compile(r"force|torque|kraft|moment|units?\b|einheit|\[|\b[FMT][xyz]\b", re.IGNORECASE)
 _SOME_UNITS = re.compile(r"\W*(?:units?|einheit(?:en)?)\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
 _RATE_ABOVE = re.compile(
-    r"\W*(?:(?:sampl\w*|scan|acquisition|data)[\s_-]*)?(?:rate|freq(?:uency)?|abtastrate|abtastfrequenz|fs)\b"
+    r"\W*(?:(?:sampl\w*|scan|acquisition|data)[\s_-]*(?:rate|freq(?:uency)?)|rate|abtast(?:rate|frequenz)|fs)\b"
     r"[^\w-]*(?:(?:in )?hz[^\w-]*)?(\d+(?:\.\d+)?)[^\w.]*(k?hz)?\W*",
     re.IGNORECASE,
 )
+"""A line that states the rate of sampling, not that of a filter."""
+
 _COMMENTS = ("#", "%", "!", "/")
 UNNAMED = re.compile(r"Unnamed: (\d+)")
 """What pandas calls a column without a name."""

@@ -30,7 +30,8 @@ def refuse_labels_of_table(made: Made, content: FileContent, source: FileSource)
         raise RecordingFileError(source.path, (problem, *ways))
     if made.may_be_ids:
         problem = f"{made.may_be_ids[0]!r:.60} counts stretches of rows, as recordings do: pass "
-        ways = alternatives([in_both(id=made.may_be_ids[0]), in_both(label=source.place_rule)])
+        place = f"column:{made.label_column}" if made.label_column else source.place_rule
+        ways = alternatives([in_both(id=made.may_be_ids[0]), in_both(label=place)])
         raise RecordingFileError(source.path, (problem, *ways, " to read all of it as one"))
     if made.label_mend:
         problem = f"ids of recordings may hold their labels; if not, pass {in_both(label=source.place_rule)}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -27,6 +28,12 @@ from granular_id.recording import AXES, Table, meaning_of
 _HEADER, _WRENCH = "std_msgs/msg/Header", "geometry_msgs/msg/Wrench"
 _STAMPED = "geometry_msgs/msg/WrenchStamped"
 _NUMBERS = tuple(f"{part}.{axis}" for part in ("force", "torque") for axis in "xyz")
+_NO_FORCES = re.compile(r"pos|vel|acc|effort|joint|cov|temp|current|target|\bqd?\b", re.IGNORECASE)
+"""Names of lists of six numbers that are no wrench: those of joints."""
+
+_PLACES = re.compile(r"pos|point|target|translation", re.IGNORECASE)
+"""Names of vectors that no sensor of forces or motion measures."""
+
 _LISTED = 12
 
 
@@ -200,7 +207,8 @@ def _lines(
     for label, session, why in places or [Place("" if own is None else repr(own), None, "")]:
         labels = f", [{label} for path in paths]" * bool(label)
         sessions = f", sessions=[{session} for path in paths]" if session else ""
-        calls.append((f"Dataset.from_frames(frames{labels}{sessions}{axes})", why))
+        assumed = " and ".join(filter(None, (form.why, why)))
+        calls.append((f"Dataset.from_frames(frames{labels}{sessions}{axes})", assumed))
     return in_python_each([*imports, paths, *opened, frames, *closed], calls)
 
 
@@ -209,6 +217,7 @@ class _Form(NamedTuple):
 
     mend: str
     axes: tuple[str, ...] = ()
+    why: str = ""  # what it assumes
 
 
 def _form_of(message: Any) -> _Form | None:
@@ -220,20 +229,23 @@ def _form_of(message: Any) -> _Form | None:
     named = {what: name for name, tail in tails if (what := meaning_of(tail).what) in AXES}
     if set(AXES) <= named.keys():
         return _renamed([named[axis] for axis in AXES])
-    lists = {name: len(cell) for name, cell in cells.items() if isinstance(cell, (list, np.ndarray))}
-    six = [name for name, length in lists.items() if length == len(AXES)]
+    arrays = {name: np.asarray(cell) for name, cell in cells.items() if isinstance(cell, (list, np.ndarray))}
+    lists = {name: len(array) for name, array in arrays.items() if array.dtype.kind in "iuf"}
+    six = [name for name, length in lists.items() if length == len(AXES) and not _NO_FORCES.search(str(name))]
     three = [
         next((name for name in lists if name.rpartition(".")[2].lower() in words and lists[name] == 3), None)
         for words in PART_NAMES
     ]
     if six:
-        return _Form(_split(six[0], AXES))
+        return _Form(_split(six[0], AXES), why=f"{six[0]!r} holds fx to tz in N and N m")
     if None not in three:
         return _Form(
             "".join(_split(str(name), axes) for name, axes in zip(three, (AXES[:3], AXES[3:]), strict=True))
         )
     vectors = [
-        name[:-2] for name in cells.index if name.endswith(".x") and f"{name[:-1]}w" not in cells.index
+        name[:-2]
+        for name in cells.index
+        if name.endswith(".x") and f"{name[:-1]}w" not in cells.index and not _PLACES.search(name)
     ]
     return _Form("", tuple(f"{name}.{axis}" for name in vectors for axis in "xyz")) if vectors else None
 

@@ -90,6 +90,8 @@ class Made:
     may_be_ids: Sequence[str] = ()
     """Columns that are not read, called like runs and counting stretches of rows, where there is no id."""
 
+    label_column: str | None = None
+
     label_mend: str = ""  # the method of a data frame that makes labels of the ids, where no column may be it
 
     @property
@@ -121,8 +123,8 @@ def to_recordings(table: Table, stated: Stated) -> Made:
     if SESSION not in picked.columns and table.session is None and len(table.columns) > len(picked.called):
         named = {name: cells for name, cells in table.columns.items() if SESSION_NAMES.fullmatch(name)}
         made.may_be_sessions = _label_columns(named, picked, [rows for rows, _ in parts], SESSION_NAMES)
-    if RECORDING not in picked.columns:
-        made.may_be_ids = _run_columns(table, picked)
+    if RECORDING not in picked.columns and LABEL not in dict(stated.columns):
+        made.may_be_ids, made.label_column = _run_columns(table, picked), picked.called.get(LABEL)
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
         made.recordings.append(part.recording())

@@ -215,6 +215,12 @@ def test_runs_that_a_column_counts_are_not_one_recording(tmp_path, name):
     assert of_files.y.tolist() == ["peas", "rice"]
 
 
+def test_runs_of_a_material_in_a_column_are_read_as_one_where_stated(tmp_path):
+    write_lines(tmp_path / "a.csv", lines(table().assign(run=np.repeat([1, 2], 30), material="rice")))
+    of_runs, whole = (load(tmp_path / "a.csv", **way) for way in options_of(tmp_path / "a.csv"))
+    assert (of_runs.y.tolist(), whole.y.tolist()) == (["rice"] * 2, ["rice"])
+
+
 def test_files_in_an_encoding_of_their_own_are_read_in_it(tmp_path):
     text = "\n".join(lines(table(material="M\N{LATIN SMALL LETTER U WITH DIAERESIS}sli")))
     for name, encoding in (("a", "cp1252"), ("b", "utf-8")):

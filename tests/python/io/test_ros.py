@@ -357,6 +357,18 @@ def test_messages_in_json_that_state_units_are_not_taken_for_newtons(tmp_path):
         run(line)
 
 
+def test_bags_of_joints_have_no_line(tmp_path):
+    state, header = (
+        ROS2.types["sensor_msgs/msg/JointState"],
+        message(ROS2, samples()[0], even_stamps()[0]).header,
+    )
+    messages = [to_bytes(state(header, [*"abcdef"], row, row, row), ROS2) for row in samples()]
+    problem = refusal(
+        write_bag2(tmp_path / "x", {"/joints": ("sensor_msgs/msg/JointState", messages, even_stamps())})
+    )
+    assert "in Python" not in problem
+
+
 @pytest.mark.parametrize("name", ["sensor_msgs/msg/Imu", "std_msgs/msg/Float64MultiArray"])
 def test_bags_of_other_sensors_have_a_line_for_all(tmp_path, name):
     types, stamps = ROS2.types, even_stamps()
