@@ -30,6 +30,9 @@ SIGNAL = re.compile(
 )
 """Names of arrays that are no materials."""
 
+_FORCES = re.compile(r"wrench|force|torque|(^|[\W_])ft($|[\W_\d])", re.IGNORECASE)
+"""Names of arrays that are offered first."""
+
 _NO_LABELS = ("axes", "units", "session", "name")
 _OWN = "what the file says"
 
@@ -171,7 +174,7 @@ class Remedy:
         if tried and all(map(all, tried)):
             return ["; pass ", *alternatives(in_both(**way) for way, _ in tried)]
         ways: dict[str, list[tuple[dict[str, Any], str | None]]] = {}
-        for one in [*self._in_order, *with_time]:
+        for one in sorted([*self._in_order, *with_time], key=lambda one: not _FORCES.search(one.name)):
             name = PLACE.sub("", one.name)
             if name not in ways and len(ways) < MOST_LISTED:
                 axes = timed if one in with_time else self._given.axes
