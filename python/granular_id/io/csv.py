@@ -356,6 +356,12 @@ def _other_names(pandas: Any, head: Head, error: TableError, source: FileSource)
         columns_of(tuple(filter(None, head.names)), source.axes)
         return RecordingFileError(head.path, error.parts, line=head.line)  # it is about another column
     way_out: Sequence[str] = [f"; line {head.line} names the columns"] if not known else []
+    if len(head.names) >= len(AXES) and all(map(NUMERIC.fullmatch, head.names)):
+        problem = f"has no names of columns: line {head.line} holds {len(head.names)} numbers"
+        if not (way_out := _names_given(head)):
+            names = "csv={'header': None, 'names': [...]} (--csv header=None --csv 'names=[...]')"
+            way_out = [f"; name all of them in their order, fx to tz and time among them: {names}"]
+        return RecordingFileError(head.path, (problem, *way_out), line=head.line, no_wrench=True)
     of_names = None if "skiprows" in head.options else _line_of_names(head, source.axes)
     if of_names is not None and of_names + 1 != head.line:
         way_out = [f"; line {of_names + 1} names the columns: pass ", in_both(csv={"skiprows": of_names})]

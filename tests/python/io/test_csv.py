@@ -177,6 +177,7 @@ def test_the_way_out_of_a_refusal_works(tmp_path, data, way_out, options):
 
 
 BAD = {
+    "numbers without names": (b"7,1,2,3,4,5,6,0\n7,1,2,3,4,5,6,0\n", 1, None),
     "empty": (b"", None, None),
     "header only": (HEADER, 1, None),
     "no header": (ROW1 + ROW2, 1, None),
