@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._text import alternatives, in_both
+from granular_id.io.array_lines import SIGNAL, label_levels, without_number
 from granular_id.io.files import RecordingFileError
 from granular_id.io.leaves import BESIDE, MOST_DEEP, PLACE, Chain, Found, Leaf, Opening
-from granular_id.io.remedy import MOST_LISTED, SIGNAL, Remedy, label_levels, without_number
+from granular_id.io.remedy import MOST_LISTED, Remedy
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSource, LoadOptions
 from granular_id.recording import (
     AXES,
