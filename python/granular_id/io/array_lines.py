@@ -177,21 +177,23 @@ class ArrayLines:
     def _rate(self) -> str:
         if self._given.rate_hz is not None:
             return f"{self._given.rate_hz:g}"
-        one = self._rate_leaf()
+        one = self._rate_leaf
         if one is None:
             return RATE
         text, period = f"float(numpy.ravel({self._how.item(one)})[0])", _PERIODS.fullmatch(one.name)
         return text if period is None else f"{1000 if period[1] else 1} / {text}"
 
+    @cached_property
     def rate_beside(self) -> tuple[str, float] | None:
         """Return the name and the value of what is called like a rate, or like the time between samples."""
-        one = self._rate_leaf()
+        one = self._rate_leaf
         value = 0.0 if one is None else float(np.ravel(one.leaf.read())[0])
         if one is None or not 0 < value < np.inf:
             return None
         period = _PERIODS.fullmatch(one.name)
         return one.name, value if period is None else (1000 if period[1] else 1) / value
 
+    @cached_property
     def _rate_leaf(self) -> Found | None:
         """Return the number that is called like a rate."""
         about = [

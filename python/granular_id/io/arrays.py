@@ -38,6 +38,8 @@ from granular_id.recording import (
 )
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
+_CLOCK = re.compile(r"t|times?|time_?stamps?|stamps?", re.IGNORECASE)
+
 _COLUMNS = re.compile(
     r"(axis|axes|channels?|columns?|cols?|headers?|fields?)([_ ]?(names?|labels?|order))?", re.IGNORECASE
 )
@@ -83,6 +85,7 @@ class _Reading:
     ) -> None:
         self._tree, self._source, self._options, self._how, self._offers = tree, source, options, how, offers
         self._leaves = list(_leaves(tree, "", ()))
+        self._clocks: dict[int, list[tuple[str, Leaf, str | None]]] = {}
         self._axes = options.axes or source.axes or AXES
         self.remedy = Remedy(self._leaves, source, options, how)
 
@@ -145,8 +148,11 @@ class _Reading:
             if UNIT_NAMES.search(name) and name.lower() not in _KNOWN and isinstance(leaf, Leaf)
         ]
         texts = {name: ",".join(text or "" for text in _texts(leaf)) for name, leaf in named if leaf.is_text}
+        wanted = self._options.units or self._source.units
+        is_of_six = bool(silent) and self._about("axes", silent[0]) is None
         try:
-            refuse_units_unread(texts, units_by_axis(self._axes, self._options.units or self._source.units))
+            of_axes = units_by_axis(self._axes, wanted) if is_of_six else {}
+            refuse_units_unread(texts, of_axes, is_stated=bool(wanted))
         except TableError as error:
             raise RecordingFileError(self._source.path, error.parts) from error
 
@@ -270,7 +276,7 @@ class _Reading:
         known_units |= {called_clock: time_unit} if time_unit else {}
         several = sum(len(other.leaf.shape) == 2 for other in self._leaves) > 1
         only = f"{self._source.name}[{one.path}]" if several and len(shape) == 2 else self._source.name
-        rate_hint = self.remedy.rate_beside() if clock is None and not any(rates) else None
+        rate_hint = self.remedy.rate_beside if clock is None and not any(rates) else None
         tables = []
         for i in range(n):
             k = i if at is None else at
@@ -388,21 +394,24 @@ class _Reading:
             raise self.fault(f"{order}; if that is so, pass ", in_both(array=one.path))
 
     def _clock_beside(self, one: Found) -> tuple[Leaf | None, str, str | None]:
-        """Return the stamps beside an array, what errors call them, and what they count where their name says so."""
-        known = self._about("t", one)
-        if known is not None:
-            return known, f"clock (t) beside {one.path}", None
-        n_rows = (one.leaf.shape[-2], int(np.prod(one.leaf.shape[:-1])))
-        for name, leaf in (item for place in (one.leaf.about, *one.chain) for item in place.items()):
-            meaning = meaning_of(name)
-            if (
-                meaning.what == TIME
-                and isinstance(leaf, Leaf)
-                and leaf.is_numbers
-                and np.prod(leaf.shape) in n_rows
-            ):
-                return leaf, f"clock ({name}) beside {one.path}", meaning.unit
-        return None, f"clock (t) beside {one.path}", None
+        """Return the stamps beside an array, what errors call them, and what they count where their name says so.
+
+        Where no rate is known, it is also what is called like a clock and is as long as the samples.
+        """
+        known, called = self._about("t", one), f"clock (t) beside {one.path}"
+        if known is not None or self._options.rate_hz or self._about("rate_hz", one) is not None:
+            return known, called, None
+        shapes = (
+            one.leaf.shape[:-1],
+            one.leaf.shape[-2:-1],
+            (1, one.leaf.shape[-2]),
+            (one.leaf.shape[-2], 1),
+        )
+        for place in (one.leaf.about, *one.chain):
+            for name, leaf, unit in self._clocks.setdefault(id(place), _clocks_in(place)):
+                if leaf.shape in shapes:
+                    return leaf, f"clock ({name}) beside {one.path}", unit
+        return None, called, None
 
     def _about(self, what: str, one: Found) -> Leaf | None:
         """Return what stands beside an array: its attributes, its group, the groups around."""
@@ -477,6 +486,17 @@ class _Reading:
         again = _Reading(self._tree, self._source, options, self._how, offers=False)
         tables = [table for one in again.found()[0] for table in again.tables(one)]
         return [replace(table, label=table.label or self._source.label) for table in tables]
+
+
+def _clocks_in(place: Mapping[str, Any]) -> list[tuple[str, Leaf, str | None]]:
+    """Return what is called like a clock in a group, or among attributes, with the unit in its name."""
+    numbers = [(name, node) for name, node in place.items() if isinstance(node, Leaf) and node.is_numbers]
+    meanings = [(name, leaf, meaning_of(name)) for name, leaf in numbers]
+    return [
+        (name, leaf, meaning.unit)
+        for name, leaf, meaning in meanings
+        if meaning.what == TIME and _CLOCK.fullmatch(meaning.base)
+    ]
 
 
 def _leaves(node: Any, path: str, chain: Chain, depth: int = 0) -> Iterator[Found]:

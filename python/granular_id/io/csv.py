@@ -119,8 +119,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)
     table = Table(source.name, columns, units=units, clock="time column", csv=given)
     if not is_clock(list(columns)) and not any(what == TIME for what, _ in source.columns):
-        rate_hz, stated = _rate_above(head)
-        table, named = replace(table, rate_hz=rate_hz), [*named, *stated]
+        table = replace(table, rate_hint=_rate_above(head))
 
     def line_of(row: int) -> int:
         """Return the line of a row; pandas passes over empty ones, and those that are comments."""
@@ -334,13 +333,13 @@ def _units(head: Head, options: LoadOptions) -> tuple[dict[str, str], list[str]]
     return units, []
 
 
-def _rate_above(head: Head) -> tuple[float | None, list[str]]:
-    """Return the rate that a line above the names states, and a note on it."""
-    for i, line in enumerate(head.lines[: head.line - 1], 1):
-        if (found := _RATE_ABOVE.fullmatch(line)) is not None and float(found[1]) > 0:
-            rate_hz = float(found[1]) * (factor(found[2] or "Hz", "Hz") or 1.0)
-            return rate_hz, [f"{rate_hz:g} Hz, as line {i} states: {line.strip()[:40]!r}"]
-    return None, []
+def _rate_above(head: Head) -> tuple[str, float] | None:
+    """Return a line above the names that states the rate, and that in Hz; 1.000 may be one or a thousand."""
+    for line in head.lines[: head.line - 1]:
+        found = _RATE_ABOVE.fullmatch(line)
+        if found is not None and float(found[1]) > 0 and not re.fullmatch(r"\d{1,3}\.\d{3}", found[1]):
+            return line.strip(), float(found[1]) * (factor(found[2] or "Hz", "Hz") or 1.0)
+    return None
 
 
 def _states_units(text: str) -> bool:

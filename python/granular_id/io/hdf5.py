@@ -60,12 +60,17 @@ def _group(group: Any, source: FileSource, place: str, depth: int) -> dict[str, 
         elif item.dtype.kind in "iufb":
             found[name] = Leaf(item, _attributes(item))
         elif item.dtype.names is not None:  # columns of a table
-            found[name] = {column: _of_table(item[column]) for column in item.dtype.names} | _attributes(item)
+            columns = {column: _of_table(item[column]) for column in item.dtype.names}
+            found[name] = {
+                column: leaf for column, leaf in columns.items() if leaf is not None
+            } | _attributes(item)
     return found
 
 
-def _of_table(cells: Any) -> Leaf:
-    """Return a column, bytes as texts."""
+def _of_table(cells: Any) -> Leaf | None:
+    """Return a column, bytes as texts; nothing where it holds neither numbers nor texts."""
+    if cells.dtype.kind == "O" and not all(isinstance(cell, (bytes, str)) for cell in cells.ravel()):
+        return None
     if cells.dtype.kind not in "OS":
         return Leaf(cells)
     return Leaf(

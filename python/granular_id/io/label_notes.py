@@ -1,4 +1,4 @@
-"""What reports say of labels, sessions and pauses: where they were taken from, and where else they may stand."""
+"""Labels, sessions and pauses: what is refused as it may stand elsewhere, and what reports say of where it stands."""
 
 from __future__ import annotations
 
@@ -166,7 +166,8 @@ def alike_labels(reads: Sequence[ReadFile]) -> list[str]:
     labels = sorted({one.label for read in reads for one in read.recordings if one.label is not None})
     alike: dict[str, list[str]] = {}
     for label in labels:
-        alike.setdefault(re.sub(r"[\W_]+", " ", label.casefold()).strip(), []).append(label)
+        plain = re.sub(r"(?<=[^\W\d_])[\s_-]+(?=[^\W\d_])", " ", label.casefold())
+        alike.setdefault(plain, []).append(label)
     several = [names for names in alike.values() if len(names) > 1]
     if not several:
         return []

@@ -111,7 +111,7 @@ class Remedy(ArrayLines):
             elif options.rate_hz is None and any(
                 one.rate_hz is None and one.stamps is None for one in tables
             ):
-                way["rate_hz"] = RATE if (own := self.rate_beside()) is None else own[1]
+                way["rate_hz"] = RATE if (own := self.rate_beside) is None else own[1]
             if rule is not None and self._given.label is None:
                 way["label"] = rule
             known = rule or self._source.label_known or all(table.label for table in tables)

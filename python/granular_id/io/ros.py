@@ -28,9 +28,10 @@ from granular_id.recording import AXES, Table, meaning_of
 _HEADER, _WRENCH = "std_msgs/msg/Header", "geometry_msgs/msg/Wrench"
 _STAMPED = "geometry_msgs/msg/WrenchStamped"
 _NUMBERS = tuple(f"{part}.{axis}" for part in ("force", "torque") for axis in "xyz")
-_NO_FORCES = re.compile(r"pos|vel|acc|effort|joint|cov|temp|current|target|\bqd?\b", re.IGNORECASE)
+_NO_FORCES = re.compile(r"pos|vel|acc|effort|joint|cov|temp|current|target|\bqd?\b|tau", re.IGNORECASE)
 """Names of lists of six numbers that are no wrench: those of joints."""
 
+_FORCES = re.compile(r"wrench|force|torque|load|\bft\b", re.IGNORECASE)
 _PLACES = re.compile(r"pos|point|target|translation", re.IGNORECASE)
 """Names of vectors that no sensor of forces or motion measures."""
 
@@ -160,9 +161,11 @@ def _other_messages(source: FileSource) -> str | tuple[str, ...] | None:
             }
     except Exception:  # it is damaged: what rosbags says of it holds
         return None
-    for topic, (channel, message) in found.items():
-        if channel.message_encoding == "json" and (form := _form_of(json.loads(message.data))):
-            return ("messages in JSON are no messages of ROS", *_json_lines(source, topic, form))
+    in_json = [(topic, one) for topic, (channel, one) in found.items() if channel.message_encoding == "json"]
+    forms = [(topic, form) for topic, one in in_json if (form := _form_of(json.loads(one.data)))]
+    if forms:
+        forms.sort(key=lambda one: bool(one[1].axes))  # a wrench before other sensors
+        return ("messages in JSON are no messages of ROS", *_json_lines(source, *forms[0]))
     encodings = [channel.message_encoding for channel, _ in found.values()]
     listed = ", ".join(f"{topic[:80]} ({kind})" for topic, kind in zip(found, encodings, strict=True))
     others = (
@@ -175,7 +178,7 @@ def _json_lines(source: FileSource, topic: str, form: _Form) -> list[str]:
     """Return the lines that read messages in JSON."""
     bag = f"make_reader(io.BytesIO(path.read_bytes())).iter_messages(topics=[{topic!r}])"
     rows = f"[{{**json.loads(m.data), 'time': m.log_time / 1e9}} for _, _, m in {bag}]"
-    return _lines(source, ["from mcap.reader import make_reader"], [], rows, form, [])
+    return _frame_lines(source, ["from mcap.reader import make_reader"], [], rows, form, [])
 
 
 def _bag_lines(source: FileSource, topic: str, form: _Form, mend: str = "") -> list[str]:
@@ -186,10 +189,10 @@ def _bag_lines(source: FileSource, topic: str, form: _Form, mend: str = "") -> l
     one = "AnyReader([path], default_typestore=get_typestore(Stores.LATEST))"
     opened = [f"bags = {{path: {one} for path in paths}}", "[bag.open() for bag in bags.values()]"]
     whole = form._replace(mend=form.mend + mend)
-    return _lines(source, imports, opened, rows, whole, ["[bag.close() for bag in bags.values()]"])
+    return _frame_lines(source, imports, opened, rows, whole, ["[bag.close() for bag in bags.values()]"])
 
 
-def _lines(
+def _frame_lines(
     source: FileSource,
     imports: Sequence[str],
     opened: Sequence[str],
@@ -200,7 +203,9 @@ def _lines(
     """Return the lines that make tables of messages, of all files like this one; `rows` are those of a path."""
     places = places_of(source)
     paths = paths_line(source) if places else f"paths = [pathlib.Path({str(source.path)!r})]"
-    frames = f"frames = [pandas.json_normalize({rows}){form.mend} for path in paths]"
+    # the number of a sensor, or of a message, is no id of a recording
+    plain = f"pandas.json_normalize({rows}).drop(columns='id', errors='ignore')"
+    frames = f"frames = [{plain}{form.mend} for path in paths]"
     own = source.label or source.label_else
     axes = f", axes={','.join(form.axes)!r}" if form.axes else ""
     calls = []
@@ -231,7 +236,8 @@ def _form_of(message: Any) -> _Form | None:
         return _renamed([named[axis] for axis in AXES])
     arrays = {name: np.asarray(cell) for name, cell in cells.items() if isinstance(cell, (list, np.ndarray))}
     lists = {name: len(array) for name, array in arrays.items() if array.dtype.kind in "iuf"}
-    six = [name for name, length in lists.items() if length == len(AXES) and not _NO_FORCES.search(str(name))]
+    six = [name for name, n in lists.items() if n == len(AXES) and not _NO_FORCES.search(str(name))]
+    six = [name for name in six if _FORCES.search(str(name))] or six[: len(six) == 1]
     three = [
         next((name for name in lists if name.rpartition(".")[2].lower() in words and lists[name] == 3), None)
         for words in PART_NAMES
@@ -256,7 +262,7 @@ def _renamed(fields: Sequence[str]) -> _Form:
 
 def _split(name: str, axes: Sequence[str]) -> str:
     """Return the method that makes columns of a list in each row."""
-    return f".pipe(lambda f: f.join(pandas.DataFrame(f[{name!r}].tolist(), columns={list(axes)})))"
+    return f".pipe(lambda f: f.assign(**dict(zip({list(axes)}, map(list, zip(*f[{name!r}]))))))"
 
 
 def _chosen(reader: Any, source: FileSource, named: str | None) -> tuple[_Wrench, list[str]]:
@@ -279,7 +285,9 @@ def _chosen(reader: Any, source: FileSource, named: str | None) -> tuple[_Wrench
         nothing = "no messages at all" + "; `mcap recover` lists topics that a summary lacks" * (
             path.suffix == ".mcap"
         )
-        lines = next(filter(None, (_lines_of(reader, source, same[0]) for same in groups.values())), [])
+        forms = [(topic, form) for (topic, _), same in groups.items() if (form := _form_in(reader, same[0]))]
+        forms.sort(key=lambda one: bool(one[1].axes))  # a wrench before other sensors
+        lines = _bag_lines(source, *forms[0]) if forms else []
         raise RecordingFileError(path, (f"has no {wanted}; it has {there or nothing}", *lines))
     found = (
         every
@@ -304,11 +312,10 @@ def _chosen(reader: Any, source: FileSource, named: str | None) -> tuple[_Wrench
     return one, [f"the wrench is the field {one.field} of {one.type_name}"] if one.field else []
 
 
-def _lines_of(reader: Any, source: FileSource, connection: Any) -> list[str]:
-    """Return the lines that read messages of another type, by what is in the first of them."""
+def _form_in(reader: Any, connection: Any) -> _Form | None:
+    """Say what makes a table of messages of another type, by what is in the first of them."""
     first = next(reader.messages(connections=[connection]), None)
-    form = None if first is None else _form_of(asdict(reader.deserialize(first[2], connection.msgtype)))
-    return [] if form is None else _bag_lines(source, connection.topic, form)
+    return None if first is None else _form_of(asdict(reader.deserialize(first[2], connection.msgtype)))
 
 
 def _named(wrenches: Sequence[_Wrench]) -> str:

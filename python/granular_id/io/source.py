@@ -27,13 +27,14 @@ NO_MATERIAL = frozenset(
     (
         *("trial", "run", "push", "recording", "rec", "take", "test", "sample", "measurement", "data", "log"),
         *("exp", "experiment", "demo", "file", "episode", "session", "day", "rep", "rosbag", "rosbag2"),
+        *("ft", "wrench", "force", "forces", "sensor", "signal"),
     )
 )
 """Names that number recordings: no label."""
 
 SESSION_LIKE = re.compile(
-    r"(\d{2,4}[-_.]\d{1,2}[-_.]\d{1,4}.*|\d{8}|(mon|tues|wednes|thurs|fri|satur|sun)day|"
-    r"train(ing)?|test(ing)?|val(id|idation)?|raw|csv|([a-z]+[\s_-])?data(set)?s?|recordings?|measurements?|"
+    r"(\d{2,4}[-_.]\d{1,2}[-_.]\d{1,4}.*|\d{8}|(mon|tues|wednes|thurs|fri|satur|sun)day([\s_-]?\d+)?|"
+    r"train(ing)?|test(ing)?|val(id|idation)?|raw|csv|data(set)?s?|recordings?|measurements?|"
     r"logs?|files?|date|(session|day|week|run|trial|take|batch|exp|experiment|"
     r"person|subject|participant|operator|user|robot|rig)[\s_-]*\w{0,3})",
     re.IGNORECASE,

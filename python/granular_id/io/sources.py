@@ -80,7 +80,8 @@ _PUSH = re.compile(rf"(?:(?!day|session){_WORD})?[\W_]*\d{{1,4}}", re.IGNORECASE
 """A name that counts recordings: ``push_1``, ``07``."""
 
 _CONTAINER = re.compile(
-    r"raw|csv|([a-z]+[\s_-])?data(set)?s?|recordings?|measurements?|logs?|files?|exports?", re.IGNORECASE
+    r"raw|csv|((raw|all|ft|force|sensor|robot|recorded)[\s_-]?)?data(set)?s?|recordings?|measurements?|logs?|files?|exports?",
+    re.IGNORECASE,
 )
 """What a folder around all others is called, and says neither material nor session."""
 
@@ -100,7 +101,7 @@ _NO_LABEL = frozenset(
 _SHORT_WORD = 2
 """Letters of a word that is no material: ``_s1``, ``_V1``."""
 
-_Reading = tuple[str, dict[str, str]]
+_Option = tuple[str, dict[str, str]]
 _MOST_DEEP = 12
 _EXAMPLES = 3
 
@@ -398,7 +399,9 @@ def _label_by_place(root: Path, found: Sources) -> None:
     """Say what folder or name a label is taken from by default, or why that may mean two things."""
     depths = {source.name.count("/") for source in found.files}
     place = found.files[0].label_place if found.files else ""
-    if depths == {0} or (place and depths == {1}):
+    outer = {Path(source.name).parts[0] for source in found.files}
+    is_within = depths == {2} and len(outer) == 1 and all(map(_CONTAINER.fullmatch, outer))  # data/rice/1.csv
+    if depths == {0} or (place and (depths == {1} or is_within)):
         found.layout = "label_1/*" if place else "label_*"
         n_labels = len({source.name_label for source in found.files})
         for i, source in enumerate(found.files):
@@ -432,11 +435,11 @@ def _label_by_place(root: Path, found: Sources) -> None:
         is_named = None not in names and len(names) > 1
         ways = of_names * is_named + of_first * bool(min(depths))
         raise RecordingFileError(root, [problem, *ways])
-    is_within = len({Path(source.name).parts[0] for source in found.files}) == 1 and depths == {2}
-    if depths == {1} or (is_within and _CONTAINER.fullmatch(Path(found.files[0].name).parts[0])):
-        doubt = _no_materials(found)  # data/rice/1.csv is rice/1.csv
-    else:
-        doubt = _two_levels(found.files) if found.files else None
+    doubt = None
+    if depths == {1} or is_within:
+        doubt = _no_materials(found)
+    elif found.files:
+        doubt = _two_levels(found.files)
     n_labels = len({source.path.parent for source in found.files})
     for i, source in enumerate(found.files):
         label = None if doubt else source.path.parent.name
@@ -485,11 +488,11 @@ def _two_levels(files: Sequence[FileSource]) -> tuple[str, ...]:
         or len({_NUMBER.sub("", name) for name in names}) == 1 < len(names)
         for names in levels
     ]
-    in_folder: _Reading = (
+    in_folder: _Option = (
         f"{inner!r} is the material and {outer!r} the session",
         {"label": "folder", "session": "parent"},
     )
-    above_it: _Reading = (
+    above_it: _Option = (
         f"{outer!r} is the material and {inner!r} the session",
         {"label": "parent", "session": "folder"},
     )
@@ -497,7 +500,7 @@ def _two_levels(files: Sequence[FileSource]) -> tuple[str, ...]:
     are_pushes = all(
         _PUSH.fullmatch(one.name) or _NUMBER.sub("", one.name) == one.parent.name for one in folders
     )
-    if is_one_each and are_pushes:  # rice/push_1/ft.csv, rice/rice_1/ft.csv
+    if is_one_each and are_pushes and not is_counted[1]:  # rice/push_1/ft.csv, rice/rice_1/ft.csv
         pushes = f"{outer!r} is the material and {inner!r} a recording"
         readings = [(pushes, {"label": "parent"}), above_it, in_folder]
     elif first.label_place == "name of the folder":  # day1/rice_1/ft.csv

@@ -44,7 +44,7 @@ _LONGEST_STEP_S, _SHORTEST_STEP_S = 0.1, 1e-5
 _MOST_LATE = 0.1
 """If more samples than this part are late, a clock that ran back to its begin was started again."""
 
-_BURST, _MANY_LATE = 0.1, 0.5
+_BURST, _MOST_CLOSE = 0.1, 0.5
 """Stamps that follow each other within this part of the mean step came in packets, if more than this part does so."""
 
 _DAYS = ".assign(**{{{clock!r}: lambda f: f[{clock!r}] * 86400}})"
@@ -293,12 +293,9 @@ def rate_of(
         return known_hz, None
     if stated_hz is not None:
         return stated_hz, _ignored_clock(time_s, steps, stated_hz)
-    near = steps[(steps > 0) & (steps <= MAX_GAP_S)]
-    if file_hz is None and len(near) > 1 and np.mean(near < _BURST * near.mean()) > _MANY_LATE:
-        packets = f"most samples follow within {_BURST:g} of the mean step, {1000 * near.mean():.3g} ms: readings came "
-        raise TableError(
-            (f"{packets}in packets; state the rate in Hz at which they were taken: pass ", STATE_RATE)
-        )
+    if file_hz is None and _are_bursts(steps):
+        packets = f"most stamps follow within {_BURST:g} of the mean step: readings came in packets; state the rate in "
+        raise TableError((f"{packets}Hz at which they were taken: pass ", STATE_RATE))
     rate_hz = uniform_rate(time_s, resolution_s=stamps.resolution_s)
     if rate_hz is not None or (digit_s := _last_digit(time_s)) is None:
         return rate_hz, None
@@ -307,6 +304,12 @@ def rate_of(
         f"stamps, rounded to {1000 * digit_s:g} ms, are those of an even {rate_hz:g} Hz" if rate_hz else None
     )
     return rate_hz, rounded
+
+
+def _are_bursts(steps: FloatArray) -> bool:
+    """Whether most rows follow the one before at once, and the others after a while that is no pause."""
+    near = steps[steps <= MAX_GAP_S]
+    return len(near) > 1 and bool(np.mean(near < _BURST * near.mean()) > _MOST_CLOSE)
 
 
 def _last_digit(time_s: FloatArray) -> float | None:
@@ -352,7 +355,7 @@ def _ignored_clock(time_s: FloatArray, steps: FloatArray, rate_hz: float) -> str
 def unpacked(time_s: FloatArray, rate_hz: float) -> FloatArray | None:
     """Return stamps at a stated rate within each stretch of packets between pauses; None where there are none."""
     steps = np.diff(time_s)
-    if not (steps == 0).any() or not (steps > 0).any():
+    if not ((steps == 0).any() or _are_bursts(steps)) or not (steps > 0).any():
         return None
     pauses = np.flatnonzero(steps > max(MAX_GAP_S, 2 * float(np.median(steps[steps > 0])))) + 1
     if not len(pauses):

@@ -59,10 +59,10 @@ _MANY = 5
 """Rows of a stretch, in the mean, that may be a recording."""
 
 _THOUSANDS = 0.1
-"""The part by which a thousandth may be off the stamp before."""
+"""The part by which steps may be off a thousandth of those before."""
 
 _RUN_NAMES = re.compile(
-    r"(recording|trial|push|run|rep(etition|lica)?|take|test|exp(eriment)?|measurement|episode|versuch|lauf|messung|ensayo|essai|prova)"
+    r"(recording|trial|push|run|rep(etition|lica)?|take|test|experiment|episode|versuch|lauf|messung|ensayo|essai|prova)"
     r"([\s_.-]?(id|no|nr|num(ber)?|idx|index|count))?",
     re.IGNORECASE,
 )
@@ -124,7 +124,12 @@ def to_recordings(table: Table, stated: Stated) -> Made:
         named = {name: cells for name, cells in table.columns.items() if SESSION_NAMES.fullmatch(name)}
         made.may_be_sessions = _label_columns(named, picked, [rows for rows, _ in parts], SESSION_NAMES)
     if RECORDING not in picked.columns and LABEL not in dict(stated.columns):
-        made.may_be_ids, made.label_column = _run_columns(table, picked), picked.called.get(LABEL)
+        made.label_column = picked.called.get(LABEL)
+        for name in _run_columns(table, picked):
+            texts = _texts_of(table.columns[name]).tolist()
+            is_flag = set(texts) <= {"0", "1", "True", "False"}
+            if len(set(texts)) == len(_changes(table.columns[name])) + 1 and not is_flag:
+                made.may_be_ids = [*made.may_be_ids, name]
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
         made.recordings.append(part.recording())
@@ -400,8 +405,9 @@ class _Part:
         back = np.flatnonzero(np.diff(stamps.time_s) < 0)
         if csv.get("decimal") != "," or "thousands" in csv or not len(back):
             return
-        before, after = stamps.first_s + stamps.time_s[back[0] : back[0] + 2]
-        if before and abs(1000 * after / before - 1) < _THOUSANDS:
+        around = stamps.time_s[max(0, back[0] - 1) : back[0] + 3]
+        before, after = (np.diff(around)[[0, -1]]) if len(around) == 4 else (0.0, 0.0)
+        if before > 0 and abs(1000 * after / before - 1) < _THOUSANDS:
             problem = "stamps run back, as points between thousands make them: pass "
             raise TableError((problem, in_both(csv={"thousands": "."})), int(back[0]) + 1)
 
@@ -490,18 +496,17 @@ class _Part:
                     is_clock = stamps is not None and stamps.dtype.kind in "iuf"
                     steps = np.diff(stamps) if stamps is not None and is_clock else np.array([])
                     has_pauses = bool(steps.size) and bool(steps.max() > _PAUSE * np.median(steps) > 0)
-                    if RECORDING in self._columns:
-                        pass
-                    elif ids:
+                    has_id = RECORDING in self._columns
+                    if ids and not has_id:
                         problem += ["; to tell recordings apart pass ", in_both(id=ids[0])]
-                    elif counts or has_pauses or len(begins) >= len(kinds):
+                    elif not has_id and (counts or has_pauses or len(begins) >= len(kinds)):
                         names = [column, *counts]
                         anew = f"(f[{names}] != f[{names}].shift()).any(axis=1)"
                         if has_pauses:
                             clock = self._picked.called[TIME]
                             anew = f"{anew} | (f[{clock!r}].diff() > {_PAUSE * np.median(steps):.3g})"
                         mend = f".assign(recording=lambda f: ({anew}).cumsum())"
-                    else:
+                    elif not has_id:
                         problem += ["; to take each as a recording pass ", in_both(id=column)]
                     raise TableError(problem, int(self._rows[0]), column, mend=mend)
                 text = kinds[0] or text

@@ -72,7 +72,11 @@ def recordings_of_arrays(
 
 def padded_by_zeros(arrays: Sequence[NDArray[Any]]) -> int:
     """Return how many recordings of one array end in rows of zeros that others do not have; 0 where none is padded."""
-    zeros = [np.asarray(~values.any(axis=1)) for values in arrays]
+    zeros = [
+        np.asarray(~values.any(axis=1)) for values in arrays if values.any()
+    ]  # of those that are not dead
+    if not zeros:
+        return 0
     tails = [int(rows[::-1].cumprod().sum()) for rows in zeros]  # rows of zeros at the end of each
     is_padded = len(set(tails)) > 1 and max(tails) > max(1, _LEAST_PADDED * len(zeros[0]))
     begin_so = 2 * sum(rows[0] for rows in zeros) > len(zeros)
@@ -163,7 +167,7 @@ def columns_in(frame: Any, argument: str = "frame") -> dict[str, NDArray[Any]]:
 
 def stated_beside(frame: Any) -> tuple[dict[str, str], dict[str, Any]]:
     """Return units of columns, and all else that stands beside a table: attributes of pandas, metadata of pyarrow."""
-    beside = dict(getattr(frame, "attrs", None) or {})
+    beside = {str(name): value for name, value in (getattr(frame, "attrs", None) or {}).items()}
     schema: Any = getattr(frame, "schema", None)
     units: dict[str, str] = {}
     if hasattr(schema, "metadata"):
@@ -173,9 +177,15 @@ def stated_beside(frame: Any) -> tuple[dict[str, str], dict[str, Any]]:
         for field in schema:
             about = {key.lower(): text.strip() for key, text in _texts_in(field.metadata).items()}
             units |= {field.name: unit} if (unit := about.get("units") or about.get("unit")) else {}
+    columns = set(column_names(frame) or ())
     for name in ("units", "unit"):
-        if isinstance(beside.get(name), Mapping):
-            units = {str(column): str(unit) for column, unit in beside.pop(name).items()} | units
+        stated = beside.get(name)
+        if isinstance(stated, Mapping):
+            known = {str(key): str(unit) for key, unit in beside.pop(name).items() if unit is not None}
+            units = {key: unit for key, unit in known.items() if key in columns} | units
+            beside |= {f"{key} unit": unit for key, unit in known.items() if key not in columns}
+        elif isinstance(stated, (list, tuple)):
+            beside[name] = ",".join(map(str, stated))
     return units, beside
 
 

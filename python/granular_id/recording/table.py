@@ -114,7 +114,8 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
     axes = named_axes or AXES
     if RECORDING in called and RECORDING not in dict(named) and _numbers_rows(cells[called[RECORDING]]):
         del called[RECORDING]
-    if not table.units.keys() - {table.clock} and not all(meaning_of(called[axis]).unit for axis in axes):
+    has_units = any(name in table.units for axis in axes for name in (axis, called[axis]))
+    if not has_units and not all(meaning_of(called[axis]).unit for axis in axes):
         one_each = [name for name in cells if UNIT_NAMES.search(name) and len(set(cells[name].tolist())) == 1]
         of_columns = {name: cell_text(cells[name][0]) for name in one_each}
         beside = {**table.meta, **stated.meta, **table.beside, **of_columns}
@@ -144,8 +145,10 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
     return Picked(wrench, axes, called, units, notes, columns, time_unit)
 
 
-def refuse_units_unread(beside: Mapping[str, Any], wanted: Mapping[str, str]) -> None:
-    """Refuse units of forces or torques that stand where none are read: others than are `wanted`, or N and N m."""
+def refuse_units_unread(
+    beside: Mapping[str, Any], wanted: Mapping[str, str], *, is_stated: bool = False
+) -> None:
+    """Refuse units of forces or torques where none are read: others than those `wanted` of axes, or than N and N m."""
     found: dict[str, list[str]] = {}
     for name, text in beside.items():
         if not UNIT_NAMES.search(name) or not isinstance(text, str):
@@ -155,7 +158,8 @@ def refuse_units_unread(beside: Mapping[str, Any], wanted: Mapping[str, str]) ->
             found[name] = units
         elif SCALED_UNITS.search(text):
             found[name] = [text.strip()]
-    every_pair = [(name, axis, unit) for name in found for axis in wanted for unit in found[name]]
+    of_axes = {name: units for name, units in found.items() if _OF_AXES.fullmatch(name.strip())}
+    every_pair = [(name, axis, unit) for name in of_axes for axis in wanted for unit in found[name]]
     for name, axis, unit in every_pair:
         scales = [factor(one, unit_of(axis)) for one in (unit, wanted[axis])] if axis in AXES else [None]
         if None not in scales and scales[0] != scales[1]:
@@ -166,7 +170,7 @@ def refuse_units_unread(beside: Mapping[str, Any], wanted: Mapping[str, str]) ->
         if not any(1.0 in (factor(one, "N"), factor(one, "N m")) for one in units)
         or len({factor(one, "N") or factor(one, "N m") for one in units}) > 1
     ]
-    if not scaled or wanted:
+    if not scaled or wanted or is_stated:
         return
     kinds = [_KIND_OF_UNITS.match(name) for name in found]
     of_kind = {kind[0][0].lower(): found[name] for name, kind in zip(found, kinds, strict=True) if kind}
@@ -177,6 +181,7 @@ def refuse_units_unread(beside: Mapping[str, Any], wanted: Mapping[str, str]) ->
     raise TableError((problem, way_out, *[", those of the axes"] * (not every)))
 
 
+_OF_AXES = re.compile(r"((forces?|f|torques?|t|moments?|m|axes|axis|channels?)[\W_]*)?units?", re.IGNORECASE)
 _KIND_OF_UNITS = re.compile(r"(forces?|f|torques?|t|moments?)[\W_]*units?\b", re.IGNORECASE)
 
 

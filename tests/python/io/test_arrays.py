@@ -466,6 +466,29 @@ def test_units_stated_against_those_of_a_file_are_refused(tmp_path, stated):
         load(tmp_path / "a.npz", units=stated)
 
 
+def test_units_stated_of_the_axes_of_a_file_are_read(tmp_path):
+    np.savez(tmp_path / "a.npz", X=X[..., :3], y=LABELS, fs=500, axes=["ax", "ay", "az"])
+    assert load(tmp_path / "a.npz", units="m/s2,m/s2,g")[0].meta["units"] == {
+        "ax": "m/s2",
+        "ay": "m/s2",
+        "az": "g",
+    }
+
+
+@pytest.mark.parametrize("name", ["timestamps", "sec", "datetime", "stamp"])
+def test_clocks_under_another_name_give_way_to_a_rate(tmp_path, name):
+    np.savez(tmp_path / "a.npz", X=X, y=LABELS, fs=500, **{name: np.cumsum(np.arange(len(W)) % 3 + 1.0)})
+    assert load(tmp_path / "a.npz").rate_hz == 500
+
+
+def test_fields_of_arrays_in_compound_tables_are_passed_over(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        kinds = [("fx", "f8"), ("ragged", h5py.vlen_dtype(np.float64))]
+        table = file.create_dataset("log", (2,), np.dtype(kinds))
+        table[0], table[1] = (1.0, np.ones(2)), (2.0, np.ones(3))
+    assert "it holds log/fx (2,)" in refusal(tmp_path / "a.h5") or "array" in refusal(tmp_path / "a.h5")
+
+
 @pytest.mark.parametrize(
     ("name", "value"), [("dt", 0.002), ("time_step_ms", 2), ("sampling_rate", 500), ("control_freq", 500)]
 )

@@ -172,6 +172,12 @@ def test_packets_with_stamps_of_their_own_want_the_rate(tmp_path):
     refused(tmp_path / "a.csv", "came in packets.*rate_hz=RATE")
     (recording,) = load(tmp_path / "a.csv", rate_hz=500)
     assert (recording.rate_hz, recording.n_samples) == (500, 120)
+    frame(time=sample // 4 * 4 / 500 + sample % 4 * 2e-5 + 3 * (sample >= 60)).to_csv(
+        tmp_path / "b.csv", index=False
+    )
+    refused(tmp_path / "b.csv", "came in packets.*rate_hz=RATE")
+    parts = load(tmp_path / "b.csv", rate_hz=500).split(gap_s=1)
+    assert [(part.rate_hz, part.n_samples) for part in parts] == [(500, 60)] * 2
 
 
 @pytest.mark.parametrize("packet", [2, 5])

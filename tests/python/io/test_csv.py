@@ -20,9 +20,6 @@ GOOD = HEADER + ROW1 + ROW2 + ROW3
 WRENCH = [[1.5, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 6]]
 
 
-WITHOUT_CLOCK = b"Sampling Rate;100;Hz\n" + b"\n".join(row.partition(b",")[2] for row in GOOD.splitlines())
-
-
 def changed(separator=",", comma=".", end="\n"):
     return GOOD.decode().replace(",", separator).replace(".", comma).replace("\n", end)
 
@@ -74,7 +71,6 @@ READ = {
     ),
     "words of Spanish": (GOOD.replace(HEADER, b"Tiempo,Fuerza_X,Fuerza_Y,Fuerza_Z,Par_X,Par_Y,Par_Z\n"), {}),
     "couples": (GOOD.replace(HEADER, b"t,Force X,Force Y,Force Z,Couple X,Couple Y,Couple Z\n"), {}),
-    "a rate above": (WITHOUT_CLOCK, {"csv": {"skiprows": 1}}),
     "units of LabVIEW": (
         b"Y_Unit_Label\tmN\tmN\tmN\tN mm\tN mm\tN mm\n***End_of_Header***\nX_Value\tFx\tFy\tFz\tTx\tTy\tTz\tComment\n"
         b"0\t1500\t2e3\t3e3\t4e3\t5e3\t6e3\tgo\n0.01\t1e3\t2e3\t3e3\t4e3\t5e3\t6e3\n"

@@ -215,6 +215,21 @@ def test_runs_that_a_column_counts_are_not_one_recording(tmp_path, name):
     assert of_files.y.tolist() == ["peas", "rice"]
 
 
+@pytest.mark.parametrize("values", [[0, 1, 0], [0, 1, 1], [True, False, True], ["idle", "run", "idle"]])
+def test_flags_are_no_runs(tmp_path, values):
+    write_lines(tmp_path / "rice.csv", lines(table().assign(run=np.repeat(values, 20))))
+    assert len(load(tmp_path)) == 1
+
+
+def test_clocks_of_commas_that_begin_anew_have_no_points(tmp_path):
+    stamps = np.r_[np.arange(2, 999, 2), np.arange(1, 61, 2)]
+    rows = [f"{stamp},0;{';'.join(map(str, range(6)))}" for stamp in stamps]
+    write_lines(tmp_path / "a.csv", [";".join(["time [ms]", *AXES]), *rows])
+    with pytest.raises(RecordingFileError, match="time runs back") as caught:
+        load(tmp_path / "a.csv", csv={"decimal": ","})
+    assert all("csv" not in way for way in caught.value.ways)
+
+
 def test_runs_of_a_material_in_a_column_are_read_as_one_where_stated(tmp_path):
     write_lines(tmp_path / "a.csv", lines(table().assign(run=np.repeat([1, 2], 30), material="rice")))
     of_runs, whole = (load(tmp_path / "a.csv", **way) for way in options_of(tmp_path / "a.csv"))
@@ -230,10 +245,19 @@ def test_files_in_an_encoding_of_their_own_are_read_in_it(tmp_path):
     assert "is utf-8 text, and read as such, not as cp1252" in data.history[-1].notes
 
 
-def test_a_rate_above_the_names_is_not_contradicted(tmp_path):
-    write_lines(tmp_path / "a.csv", ["Sample Rate: 1 kHz", *lines(table()[AXES])])
-    with pytest.raises(RecordingFileError, match="sampled at 1000 Hz, but a rate of 500 Hz is stated"):
-        load(tmp_path / "a.csv", csv={"skiprows": 1}, rate_hz=500)
+@pytest.mark.parametrize(
+    "line", ["Sample Rate: 500", "Abtastrate;0.5 kHz", '"sampling_frequency","500","Hz"']
+)
+def test_a_rate_above_the_names_is_in_the_way_out(tmp_path, line):
+    write_lines(tmp_path / "a.csv", [line, *lines(table()[AXES])])
+    assert options_of(tmp_path / "a.csv") == [{"csv": {"skiprows": 1}, "rate_hz": 500}]
+
+
+@pytest.mark.parametrize("line", ["Abtastrate: 1.000 Hz", "Filter frequency: 23 Hz", "frequency: 23"])
+def test_rates_that_may_be_others_are_not_in_the_way_out(tmp_path, line):
+    write_lines(tmp_path / "a.csv", [line, *lines(table()[AXES])])
+    with pytest.raises(RecordingFileError, match="rate_hz=RATE"):
+        load(tmp_path / "a.csv", csv={"skiprows": 1})
 
 
 LONG = {

@@ -66,6 +66,7 @@ READ = {
     "peas/left.csv peas/right.csv rice/left.csv rice/right.csv": ["peas", "peas", "rice", "rice"],
     "peas/1.csv peas/wet.csv rice/1.csv rice/wet.csv": ["peas", "peas", "rice", "rice"],
     "raw_data/peas/1.csv raw_data/rice/1.csv": ["peas", "rice"],
+    "rice_data/1.csv sand_data/1.csv": ["rice_data", "sand_data"],
     # a folder a push: without its number
     "2025-03-04_rice_1/ft.csv 2025-03-04_rice_2/ft.csv 2025-03-05_peas_1/ft.csv": ["rice", "rice", "peas"],
     "rice_1/ft.csv rice_2/ft.csv sugar_1/ft.csv": ["rice", "rice", "sugar"],
@@ -102,7 +103,7 @@ def test_results_beside_recordings_are_no_index(tmp_path):
 
 
 def test_labels_that_differ_by_case_are_noted_first(tmp_path):
-    names = ["fine_sugar_1.csv", "Fine sugar_2.csv", "rice_1.csv", "rice_2.csv"]
+    names = ["fine_sugar_1.csv", "Fine sugar_2.csv", "rice_1.csv", "rice_2.csv", "mix 1-2.csv", "mix 1.2.csv"]
     notes = load(tree(tmp_path, *names)).history[-1].notes
     assert notes[0].startswith(
         "labels that differ by case or blanks only are materials of their own: 'Fine sugar'"
@@ -131,6 +132,19 @@ PUSHES = {
         ["Lauf2", "Lauf1", "Lauf1"],
     ),
 }
+
+
+def test_pushes_within_a_folder_of_data_are_named_by_their_folders(tmp_path):
+    data = load(tree(tmp_path, "data/rice_1/ft.csv", "data/rice_2/ft.csv", "data/peas_1/ft.csv"))
+    assert data.y.tolist() == ["peas", "rice", "rice"]
+
+
+@pytest.mark.parametrize("paths", ["monday_1/ft.csv monday_2/ft.csv", "monday/1/ft.csv tuesday/1/ft.csv"])
+def test_days_in_folders_are_not_first_read_as_materials(tmp_path, paths):
+    tree(tmp_path, *paths.split())
+    with pytest.raises(RecordingFileError, match=r"no materials|two things") as caught:
+        load(tmp_path)
+    assert not caught.value.ways or caught.value.ways[0]["label"] == "folder"
 
 
 @pytest.mark.parametrize("paths", PUSHES)

@@ -321,6 +321,7 @@ def test_real_bags_of_a_makers_driver(data_dir):
 FORMS = {
     "names": lambda row: dict(zip(("fx", "fy", "fz", "tx", "ty", "tz"), row, strict=True)),
     "one list": lambda row: {"id": "s1", "wrench": row},
+    "a list beside joints": lambda row: {"q": [0] * 6, "tau": [1] * 6, "tool_wrench": row, "id": 7, "fx": 0},
     "two lists": lambda row: {"ft": {"force": row[:3], "torque": row[3:]}},
 }
 

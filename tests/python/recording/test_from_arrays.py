@@ -127,6 +127,24 @@ def test_from_frames_units_beside_the_columns_are_obeyed(form):
     assert data.history[-1].notes == ("converted from N mm to N m",)
 
 
+@pytest.mark.parametrize(
+    "units", [{"force": "N", "torque": "N mm"}, ["N", "N", "N", "N mm", "N mm", "N mm"], "N,N mm"]
+)
+def test_from_frames_units_of_no_columns_are_refused(units):
+    with pytest.raises(ValueError, match=r"states units .*pass units='N,"):
+        Dataset.from_frames([with_attributes(frame(time=T), units=units)], ["rice"])
+
+
+def test_from_frames_attributes_of_others_are_passed_over():
+    given = with_attributes(frame(time=T), units={"fx": None, "torque": "N m"}, payload_unit="kgf")
+    given.attrs[1] = "one"
+    assert Dataset.from_frames([given], ["rice"], units="N,N m").labels == ("rice",)
+
+
+def test_from_arrays_dead_recordings_are_not_padded():
+    assert len(Dataset.from_arrays(X * np.array([1, 1, 0, 1])[:, None, None], Y, 500)) == 4
+
+
 def test_from_frames_units_under_another_name_are_refused():
     with pytest.raises(ValueError, match=r"'torque_unit' states units .*pass units='N,N mm'"):
         Dataset.from_frames([with_attributes(frame(time=T), torque_unit="N mm", rig=3)], ["rice"])
