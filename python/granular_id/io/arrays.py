@@ -1,9 +1,10 @@
 """The convention for arrays in files (NPZ, MATLAB, HDF5), and what to do with all that is stored otherwise.
 
 Either ``X`` (recordings, samples, axes), or a list of (samples, axes), with ``y``, ``fs`` or ``rate_hz`` and perhaps
-``session``, ``name``, ``lengths``, ``axes``, ``units`` and ``t`` (s); or one array (samples, axes) a recording, named
-as its label, with a number behind it if there are several (``rice``, ``rice_2``, group ``rice/1``). Other arrays are
-chosen by name (``array=``). Nothing is guessed: anything else is an error with the line that reads the file.
+``session``, ``name``, ``lengths``, ``axes``, ``units`` and ``t`` (s; or, where no rate is known, ``timestamps``,
+``t_ms`` ...); or one array (samples, axes) a recording, named as its label, with a number behind it if there are
+several (``rice``, ``rice_2``, group ``rice/1``). Other arrays are chosen by name (``array=``). Nothing is guessed:
+anything else is an error with the line that reads the file.
 """
 
 from __future__ import annotations
@@ -408,7 +409,9 @@ class _Reading:
             (one.leaf.shape[-2], 1),
         )
         for place in (one.leaf.about, *one.chain):
-            for name, leaf, unit in self._clocks.setdefault(id(place), _clocks_in(place)):
+            if id(place) not in self._clocks:
+                self._clocks[id(place)] = _clocks_in(place)
+            for name, leaf, unit in self._clocks[id(place)]:
                 if leaf.shape in shapes:
                     return leaf, f"clock ({name}) beside {one.path}", unit
         return None, called, None

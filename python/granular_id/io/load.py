@@ -91,8 +91,9 @@ def load(
         native folder, or a table), ROS 1 and ROS 2 bags, MCAP.
     rate_hz : float, optional
         Rate at which the recordings were taken, Hz (``--recorded-hz`` on the command line); for files without a clock,
-        or whose readings come in packets with one stamp, which it wins over: then the clock is ignored. Stamps that say
-        another rate, or have pauses, are refused beside it. A ``rate_hz`` in index.csv comes first.
+        or whose readings come in packets, with one stamp or within a moment, which it wins over: then the clock is
+        ignored. Stamps that say another rate, or have pauses, are refused beside it. A ``rate_hz`` in index.csv comes
+        first.
     on_error : {"raise", "skip"}
         What to do with a file that cannot be read: raise, or read the rest and list it in ``history[-1]``; of an
         archive also with a row group or index file.
@@ -122,11 +123,13 @@ def load(
         Which column of a table tells recordings apart, where it is not called recording, trial or id.
     label, session : str, optional
         Where label and session stand: ``"folder"`` (of the file), ``"parent"`` (the folder above that), ``"file"`` (its
-        name, of the label without the number at its end), ``"column:NAME"`` (of a table, or array) or ``"meta:PATH"``
-        (``meta:source.tool``; also columns of index.csv). By default what index.csv or the file says, else for the
-        label the folder, or the name of files in one folder; folders within folders are refused.
+        name, of the label without the number at its end; its folder's where each holds one file of the same name),
+        ``"column:NAME"`` (of a table, or array) or ``"meta:PATH"`` (``meta:source.tool``; also columns of index.csv).
+        By default what index.csv or the file says, else for the label the folder, or the name of files in one folder;
+        folders within folders are refused, but for one called ``data`` or the like around all.
     csv : mapping, optional
-        Options of ``pandas.read_csv`` for text tables, as they are: ``{"skiprows": 7, "decimal": ","}``.
+        Options of ``pandas.read_csv`` for text tables, as they are: ``{"skiprows": 7, "decimal": ","}``; but a file
+        of UTF-8 among others in another ``encoding`` is read as UTF-8, with a note.
     progress : bool or callable
         True draws a bar on a terminal; a callable is called as ``progress(files_done, files_in_all, file)``.
 

@@ -6,6 +6,7 @@
 
 Two levels of folders may mean material and session in either order, and are refused unless the files state their label,
 or an option says where it stands: ``folder`` (that of the file), ``parent`` (the folder above), ``file`` (its name).
+One folder around all that is called ``data``, ``raw`` ... is none of them.
 """
 
 from __future__ import annotations
