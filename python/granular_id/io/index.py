@@ -31,7 +31,12 @@ INDEX_NAME = "index.csv"
 INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta", "axes")
 """The last one is there where recordings have other axes than the six of a wrench."""
 
-_FILES = frozenset(("files", "filename", "filenames", "filepath", "path", "paths"))
+_FILES = frozenset(
+    (
+        *("files", "filename", "filenames", "filepath", "path", "paths"),
+        *("datei", "dateiname", "fichier", "archivo", "tiedosto", "nomefile"),
+    )
+)
 """Other names of the column ``file``, without what stands between words."""
 
 _WITHOUT_ZONE = re.compile(r"\d{4}[-/]\d\d[-/]\d\d([T ][\d:.]+)?")

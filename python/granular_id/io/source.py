@@ -28,6 +28,20 @@ NO_MATERIAL = frozenset(
         *("trial", "run", "push", "recording", "rec", "take", "test", "sample", "measurement", "data", "log"),
         *("exp", "experiment", "demo", "file", "episode", "session", "day", "rep", "rosbag", "rosbag2"),
         *("ft", "wrench", "force", "forces", "sensor", "signal"),
+        *(
+            "messung",
+            "versuch",
+            "lauf",
+            "aufnahme",
+            "essai",
+            "mesure",
+            "ensayo",
+            "prueba",
+            "medida",
+            "prova",
+            "misura",
+        ),
+        *("mittaus", "ajo", "toisto"),
     )
 )
 """Names that number recordings: no label."""

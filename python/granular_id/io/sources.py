@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from granular_id._text import counted, in_both, verb
+from granular_id.io.csv_head import encoding_of
 from granular_id.io.files import RecordingFileError, attempt
 from granular_id.io.formats import FORMATS, FileFormat
 from granular_id.io.index import (
@@ -31,7 +32,7 @@ from granular_id.io.index import (
     read_index,
 )
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions
-from granular_id.io.ways_out import in_python, index_line, unknown_files_line
+from granular_id.io.ways_out import dated_line, in_python, index_line, unknown_files_line
 from granular_id.recording import StepReport
 
 LAYOUTS = "label/*.csv, label_1.csv, or an index.csv with the columns file and label"
@@ -44,8 +45,8 @@ OTHER_FILES = (
 """What to do about files of no known format."""
 
 _NO_RECORDING = re.compile(
-    r"(mean|average|avg|std|median|summary|readme|license|metadata)([\W_].*|$)|(labels|materials|overview)\.\w+"
-    r"|(.*[\W_])?(mean|average|avg|median|mittelwert)[\W_]*\d*\.\w+",
+    r"(mean|average|avg|std|median|summary|readme|license|metadata)([\W_].*|$)|(labels|materials|overview|protokoll|protocol|notes)\.\w+"
+    r"|(.*[\W_])?(mean|average|avg|median|mittelwerte?)[\W_]*\d*\.\w+",
     re.IGNORECASE,
 )
 """Names of what lies beside recordings."""
@@ -62,7 +63,7 @@ _MONTH = (
 _NUMBER = re.compile(rf"(?:[\s_.-]+{_WORD})?[\s_.-]*\(?\d+\)?$", re.IGNORECASE)
 """A number at the end of a name, with the word that it counts: ``_run3``."""
 
-_COPY = re.compile(r"(.+?)(?: - copy| copy)?(?: ?\(\d+\))?", re.IGNORECASE)
+_COPY = re.compile(r"(.+?)(?: - (?:copy|kopie|copie|copia|kopio)| copy)?(?: ?\(\d+\))?", re.IGNORECASE)
 """What file managers and browsers call a copy: ``rice_1 (1)``, ``rice_1 - Copy``."""
 
 _AT_DATE = re.compile(rf"[\s_.-]*\(?{_DATE}\)?$")
@@ -157,6 +158,7 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
         found.notes.append(f"not read, as their names are not those of recordings: {listed(beside)}")
         if options.label is None:
             _refuse_index_unread(path, beside, [source.name for source in found.files])
+    _leave_out_notes(found)
     paths = [source.path for source in found.files]
     found.notes += _doubles(paths)
     labels = labels_of(paths)
@@ -179,12 +181,28 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
     return found
 
 
+def _leave_out_notes(found: Sources) -> None:
+    """Leave out texts that lie above the folders of all recordings of another ending: notes on them."""
+    depths = Counter(source.name.count("/") for source in found.files)
+    deep = max(depths, default=0)
+    endings = {source.path.suffix for source in found.files if source.name.count("/") == deep}
+    above = [
+        one for one in found.files if one.name.count("/") < deep and one.path.suffix == ".txt" not in endings
+    ]
+    if above and len(depths) > 1:
+        found.files = [source for source in found.files if source not in above]
+        found.notes.append(
+            f"not read, as they lie above the recordings: {listed([one.name for one in above])}"
+        )
+
+
 def _refuse_index_unread(root: Path, beside: Sequence[str], names: Sequence[str]) -> None:
     """Refuse a folder in which a table lists files, and is not called index.csv."""
     for name in beside:
         if (column := column_of_files(root / name, names)) is not None:
             renamed = f".rename(columns={{{column[0]!r}: 'file'}})" * (column[0] != "file")
-            read = f"table = pandas.read_csv({str(root / name)!r}, dtype=str, sep=None, engine='python'){renamed}"
+            how = f"dtype=str, sep=None, engine='python', encoding={encoding_of(root / name)!r}"
+            read = f"table = pandas.read_csv({str(root / name)!r}, {how}){renamed}"
             ends = [f"table['file'] += {column[1]!r}"] * bool(column[1])
             write = f"table.to_csv({str(root / INDEX_NAME)!r}, index=False)"
             line = in_python(read, *ends, write, f"load({str(root)!r})")
@@ -412,6 +430,14 @@ def _label_by_place(root: Path, found: Sources) -> None:
                 label_place=place or "name of the file",
                 n_labels=n_labels,
             )
+        dated = next(
+            (one for one in found.files if re.search(rf"[^\W\d].*{_DATE}", one.name_label or "")), None
+        )
+        if dated is not None and not place:
+            problem = f"a date stands within names ({dated.path.name!r}): the label may stand behind it"
+            lines = dated_line(root, dated.path.suffix)
+            insist = f"; to take the date as a part of it pass {in_both(label='file')}"
+            raise RecordingFileError(root, [problem, insist, lines])
         unnamed = [source.name for source in found.files if source.label_else is None]
         if unnamed:
             problem = f"whose name gives no label ({unnamed[0]!r}): wanted {LAYOUTS}"
@@ -452,22 +478,27 @@ def _label_by_place(root: Path, found: Sources) -> None:
 def _name_by_folders(found: Sources) -> None:
     """Name files by their folders, without numbers, where each folder holds one file of the same name: a push."""
     folders = [source.path.parent for source in found.files]
-    is_one_each = len(set(folders)) == len(folders) and len({source.path.name for source in found.files}) == 1
-    if not is_one_each or {source.name.count("/") for source in found.files} not in ({1}, {2}):
+    names: dict[Path, set[str]] = {}
+    for source in found.files:
+        names.setdefault(source.path.parent, set()).add(source.path.name)
+    are_alike = len(set(map(frozenset, names.values()))) == 1  # ft.csv and joints.csv in each
+    if not are_alike or {source.name.count("/") for source in found.files} not in ({1}, {2}):
         return
     labels = labels_of(folders)
+    counts = [int((re.findall(r"\d+", folder.name) or ["0"])[-1]) for folder in folders]
     least: dict[str | None, int] = {}
-    for label, folder in zip(labels, folders, strict=True):
-        count = int((re.findall(r"\d+", folder.name) or ["0"])[-1])
+    for label, count in zip(labels, counts, strict=True):
         least[label] = min(count, least.get(label, count))
+    of_all = sorted(dict(zip(folders, counts, strict=True)).values())
+    is_one_count = of_all in ([*range(len(of_all))], [*range(1, len(of_all) + 1)])  # run_3_rice
     no_materials = all(label is None or SESSION_LIKE.fullmatch(label) for label in labels)
     is_bare = all(label == folder.name for label, folder in zip(labels, folders, strict=True))
     if (
         None in labels
         or no_materials
         or is_bare
-        or not 1 < len(least) < len(labels)
-        or max(least.values()) > 1
+        or not 1 < len(least) < len(of_all)
+        or (max(least.values()) > 1 and not is_one_count)
     ):
         return  # sand_40, sand_80 are materials
     for i, (source, label) in enumerate(zip(found.files, labels, strict=True)):
@@ -540,7 +571,10 @@ def _no_materials(found: Sources) -> tuple[str, ...] | None:
     words = not any(re.search(r"\d", source.path.stem) for source in files) and not any(
         name.lower() in stem for name, one in stems.items() for stem in one
     )
-    several = any(len(one) > 1 for one in stems.values()) and not n_folders.keys() & _NO_LABEL
+    are_counts = len({re.sub(r"\d+", "", source.path.stem) for source in files}) == 1
+    several = (
+        any(len(one) > 1 for one in stems.values()) and not n_folders.keys() & _NO_LABEL and not are_counts
+    )
     if not (several and (shared or words)) and not all(SESSION_LIKE.fullmatch(name) for name in names):
         return None
     example, label = files[0].name, files[0].name_label

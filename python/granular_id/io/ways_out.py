@@ -23,7 +23,7 @@ _READERS = {
 PART_NAMES = (("force", "forces", "f"), ("torque", "torques", "moment", "moments", "tau", "t", "m"))
 """Names of forces and torques, for ways out only: people see what they type."""
 
-_MOST_STEPS = 6
+_MOST_STEPS, _MANY = 6, 50
 _NUMBERS = (r"[\W_]*\d+$", r"[\W_]+\(\d+\)$", r"[\W_\d]+$")
 """What numbers files at the ends of their names: the first that gives the label of a file serves for those like it."""
 
@@ -125,6 +125,9 @@ def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> li
         words += f", rate_hz={RATE}"
     in_table = source.label is None and any(meaning_of(name).what == LABEL for name in table.columns)
     is_labelled = in_table or "label" in given or ".assign(label=" in mend
+    texts = [] if is_labelled or label is not None else _few_texts(table)
+    if len(texts) == 1 and not any(place.label for place in places_of(source)):
+        words, is_labelled = f"{words}, label={texts[0]!r}", True
     if places := places_of(source):
         frames = f"frames = [{opening.format('path')}{mend} for path in paths]"
         calls = []
@@ -137,6 +140,19 @@ def frames_line(opening: str, source: FileSource, table: Table, mend: str) -> li
     labels = "" if label is None or is_labelled else f", [{label!r}]"
     frame = f"frame = {opening.format(repr(str(source.path)))}{mend}"
     return [in_python(frame, f"Dataset.from_frames(frame{labels}{words})")]
+
+
+def _few_texts(table: Table) -> list[str]:
+    """Return the columns of a few texts in many rows that are not read: they may be labels."""
+    found = []
+    for name, cells in table.columns.items():
+        if (
+            cells.dtype.kind in "OUT"
+            and meaning_of(name).what is None
+            and all(isinstance(one, str) for one in cells)
+        ):
+            found += [name] * (1 < len(set(cells.tolist())) < len(cells) / _MANY)
+    return found
 
 
 def reshaped(columns: Mapping[str, Any]) -> str:
@@ -161,6 +177,22 @@ def reshaped(columns: Mapping[str, Any]) -> str:
     label = r"re.sub(r'[\W_]*\d+$', '', name)"
     each = f"{parts}.assign(recording=name).assign(label={label}) for name in {names}"
     return f".pipe(lambda f: pandas.concat([{each}]))"
+
+
+def dated_line(root: Path, ending: str) -> WayOut:
+    """Return the line that writes an index.csv of names with a date within, and reads it."""
+    date = r"\d{4}[-_.]?\d\d[-_.]?\d\d"
+    label = rf"re.sub(r'^[\W_]+|[\W_]*\d*$', '', re.split(r'{date}', path.stem)[-1])"
+    return in_python(
+        f"root = pathlib.Path({str(root)!r})",
+        f"paths = sorted(root.glob({'*' + ending!r}))",
+        f"labels = [{label} for path in paths]",
+        f"days = [re.search(r'{date}', path.stem)[0] for path in paths]",
+        "files = [path.name for path in paths]",
+        "index = pandas.DataFrame({'file': files, 'label': labels, 'session': days})",
+        "index.to_csv(root / 'index.csv', index=False)",
+        "load(root)",
+    )
 
 
 def index_line(root: Path, ending: str) -> WayOut:

@@ -49,6 +49,11 @@ _BURST, _MOST_CLOSE = 0.1, 0.5
 
 _DAYS = ".assign(**{{{clock!r}: lambda f: f[{clock!r}] * 86400}})"
 
+_TICKS = 621_355_968_000_000_000
+"""Ticks of .NET, of 100 ns, from the year 1 to 1970."""
+
+_FROM_TICKS = f".assign(**{{{{{{clock!r}}: lambda f: (f[{{clock!r}}] - {_TICKS}) / 1e7}}}})"
+
 SEVERAL = "several recordings must be distinguished: a file each, or a column that does (id=, --id)"
 
 STATE_RATE = in_both(rate_hz=RATE)
@@ -92,6 +97,10 @@ def stamps_of(values: NDArray[Any], unit: str | None, stated: str | None, rate_h
         return Stamps((ticks - ticks[0]) / scale, float(ticks[0]) / scale, 0.0)
     stamps = np.asarray(values, np.float64)
     stamps = stamps if scale == 1 else stamps / scale
+    if _TICKS <= stamps[0] < 1.1 * _TICKS and unit is None and stated is None:
+        raise TableError(
+            f"the stamp {stamps[0]:.6g} counts ticks of 100 ns since the year 1", mend=_FROM_TICKS
+        )
     if abs(stamps[0]) > NOT_SECONDS:
         step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
         problem = f"the stamp {stamps[0]:.6g} cannot be seconds since 1970; pass "

@@ -153,7 +153,11 @@ LABEL_NAMES = re.compile(r"(y|labels?|materials?|targets?|class|classes|name)($|
 TIMES = (
     "time",
     *["t", "timestamp", "timestamps", "stamp", "ts", "datetime", "seconds", "sec", "secs", "xvalue"],
-    *["zeit", "tiempo"],
+    *["zeit", "tiempo", "temps", "tempo", "aika", "tid", "tijd", "czas"],
+    *[
+        "\N{CJK UNIFIED IDEOGRAPH-6642}\N{CJK UNIFIED IDEOGRAPH-9593}",
+        "\N{CJK UNIFIED IDEOGRAPH-65F6}\N{CJK UNIFIED IDEOGRAPH-95F4}",
+    ],
 )
 """Names of a clock without case and separators; of several that are there, the first one is it."""
 
@@ -244,6 +248,8 @@ class Meaning(NamedTuple):
 def meaning_of(name: str) -> Meaning:
     """Say what a column of this name is: ``wx [rad/s]`` is ``wx`` in ``rad/s``."""
     base, unit = name.strip(), None
+    if base.endswith("_") and _word(base) is None:  # Fx_N_, as MATLAB calls Fx (N)
+        base = base[:-1]
     if len(base) > _LONGEST:
         return Meaning(base)
     if (found := _BRACKETED.fullmatch(base)) is not None:
@@ -259,7 +265,8 @@ def meaning_of(name: str) -> Meaning:
 def _word(text: str) -> str | None:
     text = text.strip().lower()
     path = _PATH.match(text)
-    return _WORDS.get(_BETWEEN.sub("", text[path.end() :] if path else text))
+    whole = _WORDS.get(_BETWEEN.sub("", text[path.end() :] if path else text))
+    return whole or _WORDS.get(text.rpartition("/")[2] if "/" in text else "")  # Model/FT/Fx
 
 
 def cell_text(value: Any) -> str:
@@ -427,7 +434,7 @@ NUMERIC_ROWS = ".pipe(lambda f: f[pandas.to_numeric(f[{clock!r}], errors='coerce
 """The method of a data frame that leaves out rows whose stamp is no number."""
 
 
-ANEW = ".assign(**{{{name!r}: lambda f: ({stamps}.diff() < 0).cumsum()}})"
+ANEW = ".assign(**{{{name!r}: lambda f: ({stamps}.ffill().diff() < 0).cumsum()}})"
 """The method that begins a recording where stamps run back."""
 
 

@@ -63,10 +63,13 @@ _THOUSANDS = 0.1
 
 _RUN_NAMES = re.compile(
     r"(recording|trial|push|run|rep(etition|lica)?|take|test|experiment|episode|versuch|lauf|messung|ensayo|essai|prova)"
-    r"([\s_.-]?(id|no|nr|num(ber)?|idx|index|count))?",
+    r"([\s_.-]*(id|no|nr|num(ber)?|idx|index|count)\.?)?",
     re.IGNORECASE,
 )
 """Names of columns that count recordings, beside those of ids."""
+
+_MOST_RISE = 0.95
+"""The part of the steps of a clock that are forward."""
 
 _ID_END = r"[\W_]*\d*(\.\w+)?$"
 
@@ -163,7 +166,7 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
         )
         anew = f"(f[{names}] != f[{names}].shift()).any(axis=1)"
         if TIME in picked.columns and picked.columns[TIME].dtype.kind in "iuf":
-            anew = f"({anew} | (f[{picked.called[TIME]!r}].diff() < 0))"
+            anew = f"({anew} | (f[{picked.called[TIME]!r}].ffill().diff() < 0))"
         mend = f".assign(**{{{_id_anew(own)!r}: lambda f: {anew}.cumsum()}})"
         raise TableError(problem, column=own, mend=mend)
     numbered = all(text.isdecimal() for text in dict.fromkeys(texts[0].tolist()))
@@ -453,6 +456,7 @@ class _Part:
             name
             for name, cells in self._table.columns.items()
             if len(cells) > 2 and name not in self._picked.called.values() and _may_be_clock(cells)
+            if not re.search("nano|nsec", name, re.IGNORECASE)
         ]
         ways = [in_both(time=name) for name in counting[:_MOST_OFFERED]]
         columns = ["; if it is the clock pass ", *alternatives(ways)] if ways else []
@@ -524,8 +528,8 @@ def _may_be_clock(cells: NDArray[Any]) -> bool:
     """Whether values rise, and not by one as an index, or are texts of times."""
     if cells.dtype.kind not in "iuf":
         return cells.dtype.kind == "M" or bool(re.search(r"\d:\d\d", str(cells[0])))
-    steps = np.diff(cells.astype(np.float64))
-    return bool((steps > 0).all() and (steps != 1).any())
+    steps = np.diff(cells.astype(np.float64))  # some run back, where recordings stand below each other
+    return bool(np.mean(steps > 0) > _MOST_RISE and (steps[steps > 0] != 1).any())
 
 
 def _changes(cells: NDArray[Any]) -> set[int]:

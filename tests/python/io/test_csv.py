@@ -71,6 +71,8 @@ READ = {
     ),
     "words of Spanish": (GOOD.replace(HEADER, b"Tiempo,Fuerza_X,Fuerza_Y,Fuerza_Z,Par_X,Par_Y,Par_Z\n"), {}),
     "couples": (GOOD.replace(HEADER, b"t,Force X,Force Y,Force Z,Couple X,Couple Y,Couple Z\n"), {}),
+    "names of MATLAB": (GOOD.replace(HEADER, b"Time_s_,Fx_N_,Fy_N_,Fz_N_,Mx_Nm_,My_Nm_,Mz_Nm_\n"), {}),
+    "names with paths": (GOOD.replace(HEADER, b"Time,FT/Fx,FT/Fy,FT/Fz,FT/Mx,FT/My,FT/Mz\n"), {}),
     "units of LabVIEW": (
         b"Y_Unit_Label\tmN\tmN\tmN\tN mm\tN mm\tN mm\n***End_of_Header***\nX_Value\tFx\tFy\tFz\tTx\tTy\tTz\tComment\n"
         b"0\t1500\t2e3\t3e3\t4e3\t5e3\t6e3\tgo\n0.01\t1e3\t2e3\t3e3\t4e3\t5e3\t6e3\n"

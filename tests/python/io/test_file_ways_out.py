@@ -130,6 +130,7 @@ CASES = {
     "a weight above": (["# tool weight: 2 lb", *lines(table())], [], {}),
     "a mean below": ([*lines(table()), ",,,,,,", ",1,2,3,4,5,6"], [], {}),
     "a reading a row": (lines(table().melt("time", var_name="kind")), [], {}),
+    "ticks of .NET": (lines(table(time=638766801400000000 + np.arange(60) * 20000)), [], {}),
     "days of Excel": (lines(table(time=45600 + np.arange(60) / RATE / 86400)), [], {}),
     "more cells than names": ([lines(table())[0], *(f"{line},5,pm" for line in lines(table())[1:])], [], {}),
 }  # fmt: skip
@@ -258,6 +259,21 @@ def test_rates_that_may_be_others_are_not_in_the_way_out(tmp_path, line):
     write_lines(tmp_path / "a.csv", [line, *lines(table()[AXES])])
     with pytest.raises(RecordingFileError, match="rate_hz=RATE"):
         load(tmp_path / "a.csv", csv={"skiprows": 1})
+
+
+def test_names_again_ahead_of_each_recording_have_a_line(tmp_path):
+    one = lines(table())
+    write_lines(tmp_path / "rice.csv", [*one, *one])
+    write_lines(tmp_path / "peas.csv", [*one, *one])
+    data = run(lines_of(refusal(tmp_path))[0])
+    assert (data.y.tolist(), {one.n_samples for one in data}) == (["peas"] * 2 + ["rice"] * 2, {60})
+
+
+def test_texts_of_a_long_table_are_the_labels_in_its_line(tmp_path):
+    parts = [table(aine=name) for name in ("riisi", "kaura", "riisi")]
+    pd.concat(parts).to_csv(tmp_path / "a.csv", index=False)
+    data = run(lines_of(refusal(tmp_path / "a.csv"))[0])
+    assert data.y.tolist() == ["riisi", "kaura", "riisi"]
 
 
 LONG = {

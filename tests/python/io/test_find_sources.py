@@ -7,6 +7,7 @@ import pytest
 
 from granular_id.io import RecordingFileError, load, load_parts, save
 from granular_id.recording import AXES
+from remedies import lines_of, run
 
 HEADER = "time," + ",".join(AXES)
 ROWS = ["0,1,2,3,4,5,6", "0.01,1,2,3,4,5,6", "0.02,6,5,4,3,2,1"]
@@ -66,6 +67,8 @@ READ = {
     "peas/left.csv peas/right.csv rice/left.csv rice/right.csv": ["peas", "peas", "rice", "rice"],
     "peas/1.csv peas/wet.csv rice/1.csv rice/wet.csv": ["peas", "peas", "rice", "rice"],
     "raw_data/peas/1.csv raw_data/rice/1.csv": ["peas", "rice"],
+    "peas/Messung_1.csv peas/Messung_2.csv rice/Messung_1.csv": ["peas", "peas", "rice"],
+    "peas/1x.csv peas/2x.csv rice/1x.csv": ["peas", "peas", "rice"],
     "rice_data/1.csv sand_data/1.csv": ["rice_data", "sand_data"],
     # a folder a push: without its number
     "2025-03-04_rice_1/ft.csv 2025-03-04_rice_2/ft.csv 2025-03-05_peas_1/ft.csv": ["rice", "rice", "peas"],
@@ -132,6 +135,32 @@ PUSHES = {
         ["Lauf2", "Lauf1", "Lauf1"],
     ),
 }
+
+
+def test_pushes_with_other_files_beside_are_named_by_their_folders(tmp_path):
+    folders = ("run_1_rice", "run_2_rice", "run_3_peas")
+    for folder in folders:
+        write(tmp_path / folder / "joints.csv", "time,q1,q2", ["0,1,2", "1,2,3"])
+    data = load(tree(tmp_path, *(f"{folder}/ft.csv" for folder in folders)))
+    assert data.y.tolist() == ["rice", "rice", "peas"]
+
+
+def test_notes_above_the_folders_of_recordings_are_left_out(tmp_path):
+    tree(tmp_path, "rice/1.csv", "peas/1.csv")
+    (tmp_path / "merkintoja.txt").write_text("a bag of 2 kg")
+    data = load(tmp_path)
+    assert data.labels == ("peas", "rice")
+    assert "not read, as they lie above the recordings: merkintoja.txt" in data.history[-1].notes
+
+
+def test_dates_within_names_have_a_line(tmp_path):
+    days = [("anna", "2025-03-04", "oats"), ("anna", "2025-03-04", "rice"), ("ben", "20250305", "oats")]
+    tree(tmp_path, *("-".join((*one, "1.csv")) for one in days))
+    with pytest.raises(RecordingFileError, match="a date stands within names") as caught:
+        load(tmp_path)
+    data = run(lines_of(caught.value.problem)[0])
+    assert data.y.tolist() == ["oats", "rice", "oats"]
+    assert data.sessions.tolist() == ["2025-03-04", "2025-03-04", "20250305"]
 
 
 def test_pushes_within_a_folder_of_data_are_named_by_their_folders(tmp_path):
