@@ -266,7 +266,8 @@ def _word(text: str) -> str | None:
     text = text.strip().lower()
     path = _PATH.match(text)
     whole = _WORDS.get(_BETWEEN.sub("", text[path.end() :] if path else text))
-    return whole or _WORDS.get(text.rpartition("/")[2] if "/" in text else "")  # Model/FT/Fx
+    last = _WORDS.get(re.split("[/.]", text)[-1])  # Model/FT/Fx, FTC.Fx
+    return whole or (last if last in AXES or (last == TIME and "/" in text) else None)
 
 
 def cell_text(value: Any) -> str:

@@ -116,6 +116,8 @@ def to_recordings(table: Table, stated: Stated) -> Made:
     if RECORDING in picked.columns:
         parts = _parts(picked, table.name)
     made = Made(notes=picked.notes)
+    if RECORDING not in picked.columns and TIME not in picked.columns:
+        _refuse_counts_anew(table, picked)
     if LABEL not in picked.columns and table.label is None:
         if len(table.columns) > len(picked.called):
             made.may_be_labels = _label_columns(table.columns, picked, [rows for rows, _ in parts])
@@ -183,6 +185,17 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
 def _id_anew(name: str) -> str:
     """Return the column that ids made anew go into: the one that is found by its name, or another."""
     return name if meaning_of(name).what == RECORDING else "recording"
+
+
+def _refuse_counts_anew(table: Table, picked: Picked) -> None:
+    """Refuse a table without a clock whose rows a column counts from the beginning several times."""
+    for name, cells in table.columns.items():
+        if name in picked.called.values() or cells.dtype.kind not in "iu" or len(cells) < _MANY:
+            continue
+        steps = np.diff(cells)
+        if np.mean(steps == 1) > _MOST_RISE and (steps < 0).any() and (steps[steps != 1] < 0).all():
+            mend = ANEW.format(name="recording", stamps=f"f[{name!r}]")
+            raise TableError(f"counts rows, and begins anew: {SEVERAL}", column=name, mend=mend)
 
 
 def _run_columns(table: Table, picked: Picked) -> list[str]:

@@ -269,6 +269,14 @@ def test_names_again_ahead_of_each_recording_have_a_line(tmp_path):
     assert (data.y.tolist(), {one.n_samples for one in data}) == (["peas"] * 2 + ["rice"] * 2, {60})
 
 
+def test_rows_counted_anew_are_several_recordings(tmp_path):
+    parts = [table()[AXES].assign(N=np.arange(1, 61)) for _ in range(3)]
+    pd.concat(parts).to_csv(tmp_path / "rice.csv", index=False)
+    table()[AXES].assign(N=np.arange(1, 61)).to_csv(tmp_path / "peas.csv", index=False)
+    data = run(lines_of(refusal(tmp_path, rate_hz=RATE))[0])
+    assert data.y.tolist() == ["peas", "rice", "rice", "rice"]
+
+
 def test_texts_of_a_long_table_are_the_labels_in_its_line(tmp_path):
     parts = [table(aine=name) for name in ("riisi", "kaura", "riisi")]
     pd.concat(parts).to_csv(tmp_path / "a.csv", index=False)
