@@ -117,6 +117,7 @@ class ArrayLines:
             for one in self._every
             if one.name.lower() not in NO_LABELS
             and (LABEL_NAMES.match(one.name) or one.name in like_labels)
+            and not all(SIGNAL.search(text) for text in texts.get(one.name, [""]))
             and one not in self._in_order
         ]
 
@@ -333,8 +334,13 @@ class ArrayLines:
             loop = f"for r in [{', '.join(items)}]"
         if own is not None:
             return loop, f"[{self._how.label(own, places[0])} {loop}]", True
-        names = label_levels(places, own=True)
+        names = self._levels(places)
         return loop, runs_of(names[0]) if names else "", False
+
+    def _levels(self, paths: Sequence[str]) -> list[list[str]]:
+        """Return what names of arrays or groups may say of labels; nothing of one in each of several files."""
+        is_known = len(paths) == 1 and (self._source.label_known is not None or self._source.n_alike > 1)
+        return [] if is_known else label_levels(paths, own=True)
 
     def _sessions(self, n: int) -> str:
         """Return the sessions that stand beside n recordings in one array, or one of all."""
@@ -420,7 +426,7 @@ class ArrayLines:
         days = self._sessions(sum(counts))
         beside = [self._label_beside_of(one, n) for one, n in zip(arrays, counts, strict=True)]
         y = f"[{', '.join('*' + y for y in beside)}]" if all(beside) else self._label_beside(sum(counts))
-        levels = [] if y else label_levels([one.path for one in arrays], own=True)
+        levels = [] if y else self._levels([one.path for one in arrays])
         if not levels:
             return [Call(X, y, "", sum(counts), is_beside=bool(y), sessions=days)]
         labels = [[name for name, n in zip(names, counts, strict=True) for _ in range(n)] for names in levels]

@@ -28,7 +28,6 @@ from granular_id.recording import (
     AXES,
     SESSION_NAMES,
     TIME,
-    UNIT_NAMES,
     Table,
     TableError,
     cell_text,
@@ -39,6 +38,9 @@ from granular_id.recording import (
 )
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
+_MOST_TEXTS = 20
+"""Texts of one array that may state units, of each axis and more."""
+
 _CLOCK = re.compile(r"t|times?|time_?stamps?|stamps?", re.IGNORECASE)
 
 _COLUMNS = re.compile(
@@ -146,9 +148,10 @@ class _Reading:
             (name, leaf)
             for place in places.values()
             for name, leaf in place.items()
-            if UNIT_NAMES.search(name) and name.lower() not in _KNOWN and isinstance(leaf, Leaf)
+            if name.lower() not in _KNOWN and isinstance(leaf, Leaf) and leaf.is_text
+            if np.size(leaf.values) < _MOST_TEXTS
         ]
-        texts = {name: ",".join(text or "" for text in _texts(leaf)) for name, leaf in named if leaf.is_text}
+        texts = {name: ",".join(text or "" for text in _texts(leaf)) for name, leaf in named}
         wanted = self._options.units or self._source.units
         is_of_six = bool(silent) and self._about("axes", silent[0]) is None
         try:
@@ -306,7 +309,15 @@ class _Reading:
     def refuse_labels_unread(self, tables: Sequence[Table]) -> None:
         """Refuse arrays whose labels nothing says, but perhaps an array, field or attribute that is not read."""
         stated = self._source.label is not None or self._options.label is not None
-        if not self._offers or stated or any(table.label for table in tables):
+        if not self._offers or stated:
+            return
+        if any(table.label for table in tables):
+            if len({table.label for table in tables}) == 1 < len(tables) and self.remedy.has_labels(
+                len(tables)
+            ):
+                raise self.fault(
+                    f"all recordings have the label {tables[0].label!r:.60}, and others stand beside them"
+                )
             return
         every = [rule or "" for rule, _ in self.remedy.label_rules(self._options, self._tables_by)]
         rules = [rule for rule in every if rule.startswith("column:")]
@@ -320,6 +331,17 @@ class _Reading:
             return
         n, counts = found[0].leaf.shape[0], []
         for one in self._leaves:
+            is_short = (
+                one.leaf.values.dtype.kind in "iu"
+                and one.leaf.shape[1:] == ()
+                and np.size(one.leaf.values) > 1
+            )
+            ends = one.leaf.read() if is_short and np.size(one.leaf.values) < n / 5 else np.array([0])
+            if ends[-1] == n and ends[0] > 0 and (np.diff(ends) > 0).all():
+                problem = (
+                    f"{one.path} holds where recordings end, which {found[0].path} holds below each other"
+                )
+                raise RecordingFileError(self._source.path, (problem, *self.remedy.split_at(found, one)))
             is_id = (
                 one.leaf.values.dtype.kind in "iu"
                 and one.name.lower() not in _KNOWN

@@ -22,8 +22,8 @@ from granular_id.io.files import RecordingFileError
 from granular_id.io.flat import NUMBERS, OPTIONAL, TEXTS, flatten, unflatten
 from granular_id.io.leaves import Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.io.ways_out import in_python, is_clock
-from granular_id.recording import Dataset
+from granular_id.io.ways_out import frames_line, in_python
+from granular_id.recording import Dataset, Table
 
 FORMAT = "granular_id recordings"
 MARK = f"{FORMAT} 1"
@@ -164,8 +164,7 @@ def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
             raise
         raise _pickled(source, "list(f)") from error
     if array.dtype.names is not None:
-        has_clock = is_clock(array.dtype.names)
-        call = f"Dataset.from_frames({{name: f[name] for name in f.dtype.names}}{', rate_hz=RATE' * (not has_clock)})"
-        line = in_python(f"f = numpy.load({str(source.path)!r})", call)
-        raise RecordingFileError(source.path, (f"has the fields {', '.join(array.dtype.names)}", line))
+        table = Table(name=source.name, columns={name: array[name] for name in array.dtype.names})
+        lines = frames_line("pandas.DataFrame(numpy.load({}))", source, table, "")
+        raise RecordingFileError(source.path, (f"has the fields {', '.join(array.dtype.names)}", *lines))
     return content_of({"X": Leaf(array)}, source, options, Opening("array", "{{'X': numpy.load({})}}"))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from granular_id._text import RATE, alternatives, in_both
-from granular_id.io.array_lines import NO_LABELS, ArrayLines, Call, label_levels, runs_of, stem_of
+from granular_id.io.array_lines import NO_LABELS, SIGNAL, ArrayLines, Call, label_levels, runs_of, stem_of
 from granular_id.io.files import RecordingFileError
 from granular_id.io.leaves import BESIDE, PLACE, Found
 from granular_id.io.source import LoadOptions, likeliest_first
@@ -62,6 +62,12 @@ class Remedy(ArrayLines):
         label = next((one for one in self._labels if one.leaf.shape == (size,)), None)
         mend += ")" if label is None else f", label={self._how.label(label)})"
         return self.mended(found)(mend)
+
+    def split_at(self, found: Sequence[Found], ends: Found) -> list[str]:
+        """Return the lines that split one array behind the recordings whose ends another holds."""
+        X = f"numpy.split({self._how.item(found[0])}, {self._how.item(ends)}[:-1])"
+        y = self._label_beside(len(ends.leaf.read()))
+        return self._each_file([Call(X, y, is_beside=bool(y))])
 
     def _options(self, read: Callable[[LoadOptions], Sequence[Table]]) -> list[str]:
         """Return the options that read arrays, the labels beside them, and what else is missing."""
@@ -150,7 +156,13 @@ class Remedy(ArrayLines):
             is_called = LABEL_NAMES.match(name) is not None and not (
                 leaf.is_numbers and 2 < len(labels) == len(tables)
             )
-            if tables and None not in labels and (is_called or 1 < len(labels) < len(tables)):
+            is_signal = all(SIGNAL.search(str(label)) for label in labels)
+            if (
+                tables
+                and not is_signal
+                and None not in labels
+                and (is_called or 1 < len(labels) < len(tables))
+            ):
                 found[name] = (rule, tables)
         named = [name for name in found if LABEL_NAMES.match(name)] or found
         kinds: dict[str, Collection[Any]] = {name: {one.label for one in found[name][1]} for name in named}

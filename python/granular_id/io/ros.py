@@ -22,7 +22,7 @@ import numpy as np
 from granular_id._text import alternatives, in_both
 from granular_id.io.files import RecordingFileError, need
 from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.io.ways_out import PART_NAMES, Place, in_python_each, paths_line, places_of
+from granular_id.io.ways_out import PART_NAMES, Place, in_columns, in_python_each, paths_line, places_of
 from granular_id.recording import AXES, Table, meaning_of
 
 _HEADER, _WRENCH = "std_msgs/msg/Header", "geometry_msgs/msg/Wrench"
@@ -243,10 +243,12 @@ def _form_of(message: Any) -> _Form | None:
         for words in PART_NAMES
     ]
     if six:
-        return _Form(_split(six[0], AXES), why=f"{six[0]!r} holds fx to tz in N and N m")
+        return _Form(in_columns(six[0], AXES), why=f"{six[0]!r} holds fx to tz in N and N m")
     if None not in three:
         return _Form(
-            "".join(_split(str(name), axes) for name, axes in zip(three, (AXES[:3], AXES[3:]), strict=True))
+            "".join(
+                in_columns(str(name), axes) for name, axes in zip(three, (AXES[:3], AXES[3:]), strict=True)
+            )
         )
     vectors = [
         name[:-2]
@@ -258,11 +260,6 @@ def _form_of(message: Any) -> _Form | None:
 
 def _renamed(fields: Sequence[str]) -> _Form:
     return _Form(f".rename(columns={dict(zip(fields, AXES, strict=True))})")
-
-
-def _split(name: str, axes: Sequence[str]) -> str:
-    """Return the method that makes columns of a list in each row."""
-    return f".pipe(lambda f: f.assign(**dict(zip({list(axes)}, map(list, zip(*f[{name!r}]))))))"
 
 
 def _chosen(reader: Any, source: FileSource, named: str | None) -> tuple[_Wrench, list[str]]:

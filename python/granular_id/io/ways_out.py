@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from granular_id._core import GranularIdError
 from granular_id._text import RATE, WayOut, alternatives, in_both, is_unknown
 from granular_id.io.files import RecordingFileError
@@ -160,6 +162,13 @@ def reshaped(columns: Mapping[str, Any]) -> str:
 
     Empty where a table is neither: ``kind, value`` with a name of an axis in each row, or ``rice_1_fx ... oats_2_tz``.
     """
+    for name, cells in columns.items():  # a list of all axes in each row
+        if (
+            cells.dtype == object
+            and len(cells)
+            and all(np.shape(cell) == (len(AXES),) for cell in cells[:_MANY])
+        ):
+            return in_columns(name, AXES)
     numbers = [name for name, cells in columns.items() if cells.dtype.kind in "iuf" and not is_clock([name])]
     for name, cells in columns.items():
         if len(cells) and all(meaning_of(str(cell)).what in AXES for cell in cells) and numbers:
@@ -193,6 +202,11 @@ def dated_line(root: Path, ending: str) -> WayOut:
         "index.to_csv(root / 'index.csv', index=False)",
         "load(root)",
     )
+
+
+def in_columns(name: str, axes: Sequence[str]) -> str:
+    """Return the method of a data frame that makes columns of a list in each row."""
+    return f".pipe(lambda f: f.assign(**dict(zip({list(axes)}, map(list, zip(*f[{name!r}]))))))"
 
 
 def index_line(root: Path, ending: str) -> WayOut:

@@ -272,7 +272,8 @@ def _word(text: str) -> str | None:
 
 def cell_text(value: Any) -> str:
     """Return a cell as text, 3 for 3.0; an empty one as ""."""
-    if value is None or value != value:  # noqa: PLR0124 (NaN)
+    is_missing = value is None or (np.ndim(value) == 0 and value != value)  # noqa: PLR0124 (NaN)
+    if is_missing:
         return ""
     return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value).strip()
 

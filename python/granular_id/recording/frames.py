@@ -172,6 +172,7 @@ def stated_beside(frame: Any) -> tuple[dict[str, str], dict[str, Any]]:
     units: dict[str, str] = {}
     if hasattr(schema, "metadata"):
         beside |= _texts_in(schema.metadata)
+        beside.pop("pandas", None)  # which holds the attributes again
         with suppress(json.JSONDecodeError, TypeError, ValueError):
             beside |= dict(json.loads(beside.pop("PANDAS_ATTRS", "{}")))
         for field in schema:
@@ -180,6 +181,8 @@ def stated_beside(frame: Any) -> tuple[dict[str, str], dict[str, Any]]:
     columns = set(column_names(frame) or ())
     for name in ("units", "unit"):
         stated = beside.get(name)
+        with suppress(TypeError, ValueError):
+            beside[name] = stated = json.loads(str(stated))
         if isinstance(stated, Mapping):
             known = {str(key): str(unit) for key, unit in beside.pop(name).items() if unit is not None}
             units = {key: unit for key, unit in known.items() if key in columns} | units

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -150,7 +152,7 @@ def refuse_units_unread(
 ) -> None:
     """Refuse units of forces or torques where none are read: others than those `wanted` of axes, or than N and N m."""
     found: dict[str, list[str]] = {}
-    for name, text in beside.items():
+    for name, text in [one for item in beside.items() for one in _entries(*item)]:
         if not UNIT_NAMES.search(name) or not isinstance(text, str):
             continue
         units = [part.strip() for part in re.split("[,;/|]", text)]
@@ -158,7 +160,9 @@ def refuse_units_unread(
             found[name] = units
         elif SCALED_UNITS.search(text):
             found[name] = [text.strip()]
-    of_axes = {name: units for name, units in found.items() if _OF_AXES.fullmatch(name.strip())}
+    of_axes = {
+        name: units for name, units in found.items() if _OF_AXES.fullmatch(name.rpartition(".")[2].strip())
+    }
     every_pair = [(name, axis, unit) for name in of_axes for axis in wanted for unit in found[name]]
     for name, axis, unit in every_pair:
         scales = [factor(one, unit_of(axis)) for one in (unit, wanted[axis])] if axis in AXES else [None]
@@ -172,13 +176,28 @@ def refuse_units_unread(
     ]
     if not scaled or wanted or is_stated:
         return
-    kinds = [_KIND_OF_UNITS.match(name) for name in found]
+    kinds = [_KIND_OF_UNITS.match(name.rpartition(".")[2]) for name in found]
     of_kind = {kind[0][0].lower(): found[name] for name, kind in zip(found, kinds, strict=True) if kind}
     pair = [of_kind.get("f", ["N"])[0], of_kind.get("t", of_kind.get("m", ["N m"]))[0]] if of_kind else []
     every = next((units for units in found.values() if len(units) > 1), pair)
     problem = f"{scaled[0]!r:.60} states units ({','.join(found[scaled[0]])!r:.40}), which are not read there; pass "
     way_out = in_both(units=",".join(every) or UNITS)
     raise TableError((problem, way_out, *[", those of the axes"] * (not every)))
+
+
+def _entries(name: str, value: Any) -> list[tuple[str, Any]]:
+    """Return a text beside samples, or what is in it where it is an object of JSON."""
+    with suppress(TypeError, ValueError):
+        inner = json.loads(value)
+        if isinstance(inner, dict):
+            return [one for key, each in inner.items() for one in _inner_entries(f"{name}.{key}", each)]
+    return [(name, value)]
+
+
+def _inner_entries(name: str, value: Any) -> list[tuple[str, str]]:
+    if isinstance(value, dict):
+        return [one for key, each in value.items() for one in _inner_entries(f"{name}.{key}", each)]
+    return [(name, ",".join(map(str, value)) if isinstance(value, list) else str(value))]
 
 
 _OF_AXES = re.compile(r"((forces?|f|torques?|t|moments?|m|axes|axis|channels?)[\W_]*)?units?", re.IGNORECASE)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import h5py
 import numpy as np
 import pytest
@@ -464,6 +466,43 @@ def test_units_stated_against_those_of_a_file_are_refused(tmp_path, stated):
     np.savez(tmp_path / "a.npz", X=X, y=LABELS, fs=500, force_unit="mN", torque_unit="N m")
     with pytest.raises(RecordingFileError, match=r"states '.*', and units= '"):
         load(tmp_path / "a.npz", units=stated)
+
+
+def test_units_in_texts_of_json_are_refused(tmp_path):
+    about = json.dumps({"rig": 3, "units": {"force": "mN", "torque": "N mm"}})
+    np.savez(tmp_path / "a.npz", X=X * 1000, y=LABELS, fs=500, meta=about)
+    with pytest.raises(RecordingFileError, match=r"'meta.units.force' states units"):
+        load(tmp_path / "a.npz")
+
+
+def test_ends_of_recordings_beside_rows_have_a_line(tmp_path):
+    rows, ends = np.concatenate(X), np.cumsum([len(one) for one in X])
+    np.savez(tmp_path / "a.npz", wrench=rows, episode_ends=ends, labels=LABELS, fs=500)
+    assert_holds(run(*lines_of(refusal(tmp_path / "a.npz"))), X, LABELS)
+
+
+def test_structured_arrays_of_a_folder_have_one_line(tmp_path):
+    for i, label in enumerate(("rice", "rice", "peas")):
+        columns = {"t": T, **dict(zip(AXES, X[i].T, strict=True))}
+        np.save(tmp_path / f"{label}_{i}.npy", np.rec.fromarrays(list(columns.values()), names=list(columns)))
+    assert run(lines_of(refusal(tmp_path))[0]).y.tolist() == ["peas", "rice", "rice"]
+
+
+def test_labels_beside_cells_of_one_name_are_in_the_way_out(tmp_path):
+    cells = np.empty(4, object)
+    cells[:] = list(X)
+    scipy.io.savemat(tmp_path / "a.mat", {"data": cells, "Klasse": np.array(LABELS, object), "fs": 500})
+    (way,) = options_of(tmp_path / "a.mat")
+    assert load(tmp_path / "a.mat", **way).y.tolist() == LABELS
+
+
+@pytest.mark.parametrize("name", ["T", "df"])
+def test_one_group_in_each_file_is_no_label(tmp_path, name):
+    for i, label in enumerate(("rice", "rice", "peas")):
+        columns = dict(zip(AXES, X[i].T, strict=True)) | {"time": T}
+        (tmp_path / label).mkdir(exist_ok=True)
+        scipy.io.savemat(tmp_path / label / f"{i}.mat", {name: columns})
+    assert run(lines_of(refusal(tmp_path))[0]).y.tolist() == ["peas", "rice", "rice"]
 
 
 def test_units_stated_of_the_axes_of_a_file_are_read(tmp_path):

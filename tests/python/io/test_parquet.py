@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
@@ -16,6 +17,7 @@ from granular_id.io import load, save
 from granular_id.io.parquet.archive import Archive
 from granular_id.io.parquet.writing import _repeats, append, save_parquet
 from granular_id.recording import Dataset, Recording
+from remedies import lines_of, refusal, run
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -160,3 +162,17 @@ def test_threads_share_an_archive(tmp_path):
     with ThreadPoolExecutor(4) as threads:
         found = [*threads.map(lambda _: [archive.read(group) for group in archive.row_groups], range(4))]
     assert found == [wanted] * 4
+
+
+@pytest.mark.parametrize("form", ["a reading a row", "a list a row"])
+def test_tables_of_other_forms_have_a_line(tmp_path, form):
+    wrench = np.round(np.random.default_rng(3).normal(size=(40, 6)), 4)
+    table = pd.DataFrame(wrench, columns=["fx", "fy", "fz", "tx", "ty", "tz"]).assign(
+        time=np.arange(40) / 500
+    )
+    if form == "a reading a row":
+        table = table.melt("time", var_name="kind")
+    else:
+        table = pd.DataFrame({"time": table["time"], "observation.wrench": list(wrench)})
+    table.to_parquet(tmp_path / "a.parquet")
+    np.testing.assert_allclose(run(*lines_of(refusal(tmp_path / "a.parquet"))).X[0], wrench)

@@ -14,8 +14,8 @@ from granular_id.io.files import RecordingFileError, attempt
 from granular_id.io.parquet.archive import Archive
 from granular_id.io.parquet.layout import MARK, labels_of, open_parquet
 from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.io.ways_out import frames_line
-from granular_id.recording import Table, stated_beside
+from granular_id.io.ways_out import frames_line, reshaped
+from granular_id.recording import AXES, Table, meaning_of, stated_beside
 
 _INDEX = "__index_level_0__"
 """As pandas calls an index without a name."""
@@ -39,6 +39,11 @@ def read_parquet(source: FileSource, _: LoadOptions) -> FileContent:
         columns["time" if "time" not in columns else _INDEX] = columns.pop(_INDEX)
     units, beside = stated_beside(table)
     read = Table(name=source.name, columns=columns, units=units, beside=beside)
+    opening = "pandas.read_parquet({})"
+    has_axes = source.axes is not None or any(meaning_of(name).what in AXES for name in columns)
+    if not has_axes and (mend := reshaped(columns)):
+        problem = f"names none of {', '.join(AXES)}; there are {', '.join(columns)[:200]}"
+        raise RecordingFileError(source.path, (problem, *frames_line(opening, source, read, mend)))
 
     def place(_: int, row: int | None) -> dict[str, Any]:
         return {} if row is None else {"place": f"row {row}"}
@@ -46,7 +51,7 @@ def read_parquet(source: FileSource, _: LoadOptions) -> FileContent:
     return FileContent(
         [read],
         place=place,
-        in_python=partial(frames_line, "pandas.read_parquet({})", source, read),
+        in_python=partial(frames_line, opening, source, read),
     )
 
 
