@@ -31,14 +31,12 @@ from granular_id.recording.columns import (
     DECIMAL_COMMA,
     FLAGS,
     LABEL,
-    LABEL_NAMES,
     RATE,
     RECORDING,
     SESSION,
     SESSION_NAMES,
     TIME,
     TableError,
-    cell_text,
     factor,
     meaning_of,
     mended,
@@ -50,28 +48,25 @@ from granular_id.recording.recording import (
     SampleFlag,
 )
 from granular_id.recording.table import Picked, Stated, Table, picked_columns
+from granular_id.recording.unread import (
+    MANY,
+    changes_in,
+    ids_in,
+    label_columns,
+    labels_of_ids,
+    may_be_clock,
+    refuse_counts_anew,
+    run_columns,
+    texts_of,
+    ways_into_several,
+)
 
 _MOST_OFFERED = 3
 _PAUSE = 50
 """Steps of a clock, of the usual length, in one pause between recordings."""
 
-_MANY = 5
-"""Rows of a stretch, in the mean, that may be a recording."""
-
 _THOUSANDS = 0.1
 """The part by which steps may be off a thousandth of those before."""
-
-_RUN_NAMES = re.compile(
-    r"(recording|trial|push|run|rep(etition|lica)?|take|test|experiment|episode|versuch|lauf|messung|ensayo|essai|prova)"
-    r"([\s_.-]*(id|no|nr|num(ber)?|idx|index|count)\.?)?",
-    re.IGNORECASE,
-)
-"""Names of columns that count recordings, beside those of ids."""
-
-_MOST_RISE = 0.95
-"""The part of the steps of a clock that are forward."""
-
-_ID_END = r"[\W_]*\d*(\.\w+)?$"
 
 
 @dataclass
@@ -117,23 +112,23 @@ def to_recordings(table: Table, stated: Stated) -> Made:
         parts = _parts(picked, table.name)
     made = Made(notes=picked.notes)
     if RECORDING not in picked.columns and TIME not in picked.columns:
-        _refuse_counts_anew(table, picked)
+        refuse_counts_anew(table, picked)
     if LABEL not in picked.columns and table.label is None:
         if len(table.columns) > len(picked.called):
-            made.may_be_labels = _label_columns(table.columns, picked, [rows for rows, _ in parts])
+            made.may_be_labels = label_columns(table.columns, picked, [rows for rows, _ in parts])
         if RECORDING in picked.columns:
-            made.label_mend = _labels_of_ids(picked)
+            made.label_mend = labels_of_ids(picked)
         else:
-            made.may_be_several = _ways_into_several(table, picked)
+            made.may_be_several = ways_into_several(table, picked)
     if SESSION not in picked.columns and table.session is None and len(table.columns) > len(picked.called):
         named = {name: cells for name, cells in table.columns.items() if SESSION_NAMES.fullmatch(name)}
-        made.may_be_sessions = _label_columns(named, picked, [rows for rows, _ in parts], SESSION_NAMES)
+        made.may_be_sessions = label_columns(named, picked, [rows for rows, _ in parts], SESSION_NAMES)
     if RECORDING not in picked.columns and LABEL not in dict(stated.columns):
         made.label_column = picked.called.get(LABEL)
-        for name in _run_columns(table, picked):
-            texts = _texts_of(table.columns[name]).tolist()
+        for name in run_columns(table, picked):
+            texts = texts_of(table.columns[name]).tolist()
             is_flag = set(texts) <= {"0", "1", "True", "False"}
-            if len(set(texts)) == len(_changes(table.columns[name])) + 1 and not is_flag:
+            if len(set(texts)) == len(changes_in(table.columns[name])) + 1 and not is_flag:
                 made.may_be_ids = [*made.may_be_ids, name]
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
@@ -144,9 +139,7 @@ def to_recordings(table: Table, stated: Stated) -> Made:
 
 def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
     """Return the rows and the name of each recording: those with one id, and of these one label and one session."""
-    texts = [
-        _texts_of(picked.columns[what]) for what in (RECORDING, LABEL, SESSION) if what in picked.columns
-    ]
+    texts = [texts_of(picked.columns[what]) for what in (RECORDING, LABEL, SESSION) if what in picked.columns]
     if (texts[0] == "").any():
         own = picked.called[RECORDING]
         mend = f".replace({{{own!r}: {{'': None}}}}).dropna(subset=[{own!r}])"
@@ -155,7 +148,7 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
     found = np.unique(np.column_stack(texts), axis=0, return_index=True, return_inverse=True)
     firsts, codes = found[1], found[2].ravel()
     n_stretches = np.count_nonzero(np.diff(codes)) + 1
-    if n_stretches > len(firsts) and (TIME not in picked.columns or len(codes) > _MANY * n_stretches):
+    if n_stretches > len(firsts) and (TIME not in picked.columns or len(codes) > MANY * n_stretches):
         own = picked.called[RECORDING]
         problem = (
             f"has the same value again behind others: {len(firsts)} recordings in {n_stretches} stretches of rows; "
@@ -185,86 +178,6 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
 def _id_anew(name: str) -> str:
     """Return the column that ids made anew go into: the one that is found by its name, or another."""
     return name if meaning_of(name).what == RECORDING else "recording"
-
-
-def _refuse_counts_anew(table: Table, picked: Picked) -> None:
-    """Refuse a table without a clock whose rows a column counts from the beginning several times."""
-    for name, cells in table.columns.items():
-        if name in picked.called.values() or cells.dtype.kind not in "iu" or len(cells) < _MANY:
-            continue
-        steps = np.diff(cells)
-        if np.mean(steps == 1) > _MOST_RISE and (steps < 0).any() and (steps[steps != 1] < 0).all():
-            mend = ANEW.format(name="recording", stamps=f"f[{name!r}]")
-            raise TableError(f"counts rows, and begins anew: {SEVERAL}", column=name, mend=mend)
-
-
-def _run_columns(table: Table, picked: Picked) -> list[str]:
-    """Return the columns that are not read, are called like runs, and count stretches of rows."""
-    unread = {name: cells for name, cells in table.columns.items() if name not in picked.called.values()}
-    called = [name for name in unread if _RUN_NAMES.fullmatch(name)]
-    return [name for name in called if 0 < len(_changes(unread[name])) < len(unread[name]) / _MANY]
-
-
-def _label_columns(
-    columns: Mapping[str, NDArray[Any]],
-    picked: Picked,
-    parts: Sequence[NDArray[np.intp]],
-    names: re.Pattern[str] = LABEL_NAMES,
-) -> dict[str, list[str]]:
-    """Return the columns that may be labels: of texts, or called so, with one value a recording."""
-    found: dict[str, list[str]] = {}
-    for name, cells in columns.items():
-        if name in picked.called.values() or not (cells.dtype.kind in "OUT" or names.match(name)):
-            continue
-        kinds = [set(_texts_of(cells[rows]).tolist()) for rows in parts]
-        if all(len(one) == 1 and one != {""} for one in kinds):
-            found[name] = [text for one in kinds for text in one]
-    return found
-
-
-def _ways_into_several(table: Table, picked: Picked) -> list[dict[str, str]]:
-    """Return options for columns of a few texts in long stretches, with the column that tells recordings apart."""
-    found = []
-    for name, cells in table.columns.items():
-        texts = _texts_of(cells) if name not in picked.called.values() and cells.dtype.kind in "OUT" else None
-        if texts is None or (texts == "").any() or not 0 < len(_changes(cells)) < len(cells) / _MANY:
-            continue
-        ids = _ids(table, picked, slice(None), _changes(cells))
-        found += [{"id": ids[0], "label": f"column:{name}"}] if ids else []
-    return found
-
-
-def _ids(table: Table, picked: Picked, rows: Any, begins: set[int]) -> list[str]:
-    """Return the columns that may tell recordings apart which begin behind some rows, and more: the finest first."""
-    changes = {
-        name: _changes(cells[rows])
-        for name, cells in table.columns.items()
-        if name not in picked.called.values() and cells.dtype.kind in "iuOUT"
-    }
-    once = [
-        name
-        for name, places in changes.items()
-        if begins <= places
-        and 0 < len(places) < len(table.columns[name][rows]) / _MANY
-        and len(set(_texts_of(table.columns[name][rows]).tolist())) == len(places) + 1
-    ]
-    return sorted(once, key=lambda name: -len(changes[name]))
-
-
-def _labels_of_ids(picked: Picked) -> str:
-    """Return the method that makes labels of ids as ``rice_3`` or ``rice_3.csv``; nothing where these are no names."""
-    name, cells = picked.called[RECORDING], picked.columns[RECORDING]
-    every = set(_texts_of(cells).tolist())
-    stems = {re.sub(_ID_END, "", text) for text in every}
-    if cells.dtype.kind not in "OUT" or "" in stems or not 1 < len(stems) < len(every):
-        return ""
-    return f".assign(label=lambda f: f[{name!r}].str.replace(r{_ID_END!r}, '', regex=True))".replace(
-        "\\\\", "\\"
-    )
-
-
-def _texts_of(values: NDArray[Any]) -> NDArray[np.str_]:
-    return np.array([cell_text(value) for value in values.tolist()], dtype=np.str_)
 
 
 class _Part:
@@ -431,11 +344,11 @@ class _Part:
         """Return the option that tells recordings apart whose clocks begin anew, or methods that do."""
         clock, label = self._columns[TIME], self._columns.get(LABEL)
         if clock.dtype.kind not in "iuf":
-            ids = _ids(self._table, self._picked, self._rows, begins)
+            ids = ids_in(self._table, self._picked, self._rows, begins)
             return (("; pass ", in_both(id=ids[0])) if ids else ()), ""
-        known = set() if label is None else _changes(label)
+        known = set() if label is None else changes_in(label)
         others = {
-            name: _changes(cells[self._rows])
+            name: changes_in(cells[self._rows])
             for name, cells in self._table.columns.items()
             if name not in self._picked.called.values() and cells.dtype.kind in "iuOUT"
         }
@@ -445,12 +358,12 @@ class _Part:
             RECORDING in self._columns and SESSION not in self._columns and days
         ):  # trials counted anew each day
             return ("; pass ", in_both(session=f"column:{days[0]}")), ""
-        ids = sorted(ids, key=days.__contains__) or _ids(self._table, self._picked, self._rows, begins)
-        beside = [_texts_of(cells) for what, cells in self._columns.items() if what in (LABEL, SESSION)]
+        ids = sorted(ids, key=days.__contains__) or ids_in(self._table, self._picked, self._rows, begins)
+        beside = [texts_of(cells) for what, cells in self._columns.items() if what in (LABEL, SESSION)]
         ids = [
             name
             for name in ids
-            if len(np.unique([_texts_of(self._table.columns[name][self._rows]), *beside], axis=1).T)
+            if len(np.unique([texts_of(self._table.columns[name][self._rows]), *beside], axis=1).T)
             > len(begins)
         ]
         if not ids or RECORDING in self._columns:
@@ -468,7 +381,7 @@ class _Part:
         counting = [
             name
             for name, cells in self._table.columns.items()
-            if len(cells) > 2 and name not in self._picked.called.values() and _may_be_clock(cells)
+            if len(cells) > 2 and name not in self._picked.called.values() and may_be_clock(cells)
             if not re.search("nano|nsec", name, re.IGNORECASE)
         ]
         ways = [in_both(time=name) for name in counting[:_MOST_OFFERED]]
@@ -502,14 +415,16 @@ class _Part:
         elif text is None:
             text, column = getattr(self._table, what), self._picked.called.get(what)
             if what in self._columns:
-                kinds = list(dict.fromkeys(_texts_of(self._columns[what]).tolist()))
+                kinds = list(dict.fromkeys(texts_of(self._columns[what]).tolist()))
                 if len(kinds) > 1:
                     shown = ", ".join(f"{kind!r:.30}" for kind in kinds[:5])
                     problem, mend = [f"has {len(kinds)} values in one recording: {shown}; wanted one"], ""
-                    begins = _changes(self._columns[what])
-                    ids = _ids(self._table, self._picked, self._rows, begins)
-                    ids = [name for name in ids if _changes(self._table.columns[name][self._rows]) != begins]
-                    counts, stamps = _run_columns(self._table, self._picked), self._columns.get(TIME)
+                    begins = changes_in(self._columns[what])
+                    ids = ids_in(self._table, self._picked, self._rows, begins)
+                    ids = [
+                        name for name in ids if changes_in(self._table.columns[name][self._rows]) != begins
+                    ]
+                    counts, stamps = run_columns(self._table, self._picked), self._columns.get(TIME)
                     is_clock = stamps is not None and stamps.dtype.kind in "iuf"
                     steps = np.diff(stamps) if stamps is not None and is_clock else np.array([])
                     has_pauses = bool(steps.size) and bool(steps.max() > _PAUSE * np.median(steps) > 0)
@@ -535,20 +450,6 @@ class _Part:
             return None if text is None else checked_text(text, what, spaced=False)
         except ValueError as error:
             raise TableError(str(error), column=column) from None
-
-
-def _may_be_clock(cells: NDArray[Any]) -> bool:
-    """Whether values rise, and not by one as an index, or are texts of times."""
-    if cells.dtype.kind not in "iuf":
-        return cells.dtype.kind == "M" or bool(re.search(r"\d:\d\d", str(cells[0])))
-    steps = np.diff(cells.astype(np.float64))  # some run back, where recordings stand below each other
-    return bool(np.mean(steps > 0) > _MOST_RISE and (steps[steps > 0] != 1).any())
-
-
-def _changes(cells: NDArray[Any]) -> set[int]:
-    """Return the rows behind which a column has another value."""
-    texts = _texts_of(cells)
-    return set(np.flatnonzero(texts[1:] != texts[:-1]).tolist())
 
 
 def agreed_rate(stated_hz: float, own_hz: float | None, name: str) -> float:

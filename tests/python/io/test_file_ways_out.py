@@ -277,6 +277,12 @@ def test_rows_counted_anew_are_several_recordings(tmp_path):
     assert data.y.tolist() == ["peas", "rice", "rice", "rice"]
 
 
+def test_counters_that_overflow_count_one_recording(tmp_path):
+    rows = table(np.tile(W, (10, 1)))[AXES].assign(status_count=np.arange(600) % 256)
+    write_lines(tmp_path / "a.csv", lines(rows))
+    assert load(tmp_path / "a.csv", rate_hz=RATE)[0].n_samples == 600
+
+
 def test_texts_of_a_long_table_are_the_labels_in_its_line(tmp_path):
     parts = [table(aine=name) for name in ("riisi", "kaura", "riisi")]
     pd.concat(parts).to_csv(tmp_path / "a.csv", index=False)
