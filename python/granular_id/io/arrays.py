@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from granular_id.recording import (
     AXES,
     SESSION_NAMES,
     TIME,
+    Setup,
     Table,
     TableError,
     cell_text,
@@ -38,6 +39,7 @@ from granular_id.recording import (
 )
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
+_SETUP = {one.name for one in fields(Setup)} - {"read_as"}
 _MOST_TEXTS = 20
 """Texts of one array that may state units, of each axis and more."""
 
@@ -130,6 +132,7 @@ class _Reading:
             for name, node in tree.items()
             if name not in used
             and name.lower() not in _KNOWN
+            and name.lower() not in _SETUP
             and not name.startswith("_")
             and node is not clock
         ]
@@ -302,6 +305,7 @@ class _Reading:
                     session=session[k],
                     clock=called_clock,
                     rate_hint=rate_hint,
+                    meta=self._setup_beside(one),
                 )
             )
         return tables
@@ -415,6 +419,15 @@ class _Reading:
                 )
             order = f"{one.path} {values.shape} would be {values.shape[0]} recordings of {values.shape[1]} samples"
             raise self.fault(f"{order}; if that is so, pass ", in_both(array=one.path))
+
+    def _setup_beside(self, one: Found) -> dict[str, str]:
+        """Return what stands beside an array of what it was recorded with, as `Setup` calls it: frame, tool, serial."""
+        found: dict[str, str] = {}
+        for place in (one.leaf.about, *one.chain):
+            for name, leaf in place.items():
+                if name.lower() in _SETUP and isinstance(leaf, Leaf) and np.prod(leaf.shape) == 1:
+                    found.setdefault(name.lower(), _texts(leaf)[0] or "")
+        return {name: text for name, text in found.items() if text}
 
     def _clock_beside(self, one: Found) -> tuple[Leaf | None, str, str | None]:
         """Return the stamps beside an array, what errors call them, and what they count where their name says so.

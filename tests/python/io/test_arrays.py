@@ -10,6 +10,7 @@ import pytest
 import scipy.io
 
 from granular_id.io import RecordingFileError, load
+from granular_id.recording import Setup
 from layouts_written import LABELS, RAGGED, WRITERS, T, W, X, formats_of, has_lists, written
 from remedies import lines_of, options_of, refusal, run
 
@@ -466,6 +467,20 @@ def test_units_stated_against_those_of_a_file_are_refused(tmp_path, stated):
     np.savez(tmp_path / "a.npz", X=X, y=LABELS, fs=500, force_unit="mN", torque_unit="N m")
     with pytest.raises(RecordingFileError, match=r"states '.*', and units= '"):
         load(tmp_path / "a.npz", units=stated)
+
+
+@pytest.mark.parametrize("how", ["array", "attribute"])
+def test_set_up_beside_arrays_is_read_and_compared(tmp_path, how):
+    for name, frame in (("a", "flange"), ("b", "sensor")):
+        if how == "array":
+            np.savez(tmp_path / f"{name}.npz", X=X, y=LABELS, fs=500, frame=frame, Tool="rod")
+            continue
+        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+            file["X"], file["y"], file["fs"] = X, LABELS, 500
+            file["X"].attrs["frame"], file.attrs["Tool"] = frame, "rod"
+    one, other = (Setup.of(load(path)[0].meta) for path in sorted(tmp_path.iterdir()))
+    assert (one.frame, one.tool) == ("flange", "rod")
+    assert [str(found) for found in one.differences(other)] == ["frame 'sensor', in training 'flange'"]
 
 
 def test_units_in_texts_of_json_are_refused(tmp_path):
