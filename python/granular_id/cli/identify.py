@@ -126,6 +126,7 @@ def identify(
 
 def read_for(path: Path, identifier: Identifier, *, quiet: bool) -> Dataset:
     """Read recordings as those of a model's training were read, or else without any option but its axes."""
+    from granular_id.io import RecordingFileError
     from granular_id.recording import AXES
 
     axes: dict[str, Any] = {} if identifier.axes == AXES else {"axes": identifier.axes}
@@ -140,6 +141,8 @@ def read_for(path: Path, identifier: Identifier, *, quiet: bool) -> Dataset:
     try:
         data = read(path, quiet=quiet, **known, **axes)
     except GranularIdError as error:
+        if isinstance(error, RecordingFileError) and {"array", "topic"} & known.keys():
+            raise  # another array or topic is another signal
         try:
             data = read(path, quiet=quiet, **axes)
         except GranularIdError:

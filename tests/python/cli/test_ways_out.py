@@ -285,6 +285,16 @@ def test_refused_conversion_is_typed_again_with_more(tmp_path, monkeypatch):
     assert (load("out.npz").rate_hz, set(load("out.npz").sessions)) == (62.5, {"d1", "d2"})
 
 
+def test_array_of_the_training_that_is_missing_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data = make()
+    np.savez("one.npz", ft=data.X, y=data.y, fs=125)
+    np.savez("two.npz", X=data.X / 2, y=data.y, fs=125)
+    ended_well("data", "convert", "one.npz", "ft.npz", "--array", "ft")
+    ended_well("train", "ft.npz", "-o", "m.safetensors", "--space", "hfmh", "--quiet")
+    assert "array='ft' names no array" in " ".join(refused("identify", "m.safetensors", "two.npz").split())
+
+
 def test_another_array_than_in_the_training_is_warned_of(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     X = make().X
