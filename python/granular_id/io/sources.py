@@ -104,7 +104,7 @@ _SHORT_WORD = 2
 """Letters of a word that is no material: ``_s1``, ``_V1``."""
 
 _Option = tuple[str, dict[str, str]]
-_MOST_DEEP = 12
+_MOST_DEEP, _MOST_NOTES = 12, 3
 _EXAMPLES = 3
 
 
@@ -189,7 +189,7 @@ def _leave_out_notes(found: Sources) -> None:
     above = [
         one for one in found.files if one.name.count("/") < deep and one.path.suffix == ".txt" not in endings
     ]
-    if above and len(depths) > 1:
+    if 0 < len(above) <= _MOST_NOTES and len(depths) > 1:
         found.files = [source for source in found.files if source not in above]
         found.notes.append(
             f"not read, as they lie above the recordings: {listed([one.name for one in above])}"

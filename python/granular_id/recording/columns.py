@@ -272,8 +272,8 @@ def _word(text: str) -> str | None:
 
 def cell_text(value: Any) -> str:
     """Return a cell as text, 3 for 3.0; an empty one as ""."""
-    is_missing = value is None or (np.ndim(value) == 0 and value != value)  # noqa: PLR0124 (NaN)
-    if is_missing:
+    is_plain = isinstance(value, (str, int, float)) or np.ndim(value) == 0  # a list is no NaN
+    if value is None or (is_plain and value != value):  # noqa: PLR0124 (NaN)
         return ""
     return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value).strip()
 
