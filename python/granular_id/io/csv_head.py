@@ -171,7 +171,8 @@ def refuse_half_row(head: Head) -> None:
 def _own_encoding(path: Path, stated: str) -> str:
     """Return the encoding that is stated, or UTF-8 where the file is such text and would be another in that."""
     with suppress(LookupError), _opened(path, "rb") as file:
-        own, data = encoding_of(path), file.read()
+        data = file.read()
+        own = _encoding_in(data)
         is_other = own.startswith("utf") and not codecs.lookup(stated).name.startswith("utf")
         if is_other and data.decode(own) != data.decode(stated, "replace"):
             return own
@@ -181,7 +182,11 @@ def _own_encoding(path: Path, stated: str) -> str:
 def encoding_of(path: Path) -> str:
     """Return the encoding that the first bytes of a file name, or the first usual one that it may be in."""
     with _opened(path, "rb") as file:
-        data = file.read()
+        return _encoding_in(file.read())
+
+
+def _encoding_in(data: bytes) -> str:
+    """Return the encoding that the first bytes name, or the first usual one that they may be in."""
     mark = next((name for mark, name in _MARKS.items() if data.startswith(mark)), None)
     for encoding in (*filter(None, [mark]), "utf-8", "cp1252", "cp932", "gb18030"):
         try:

@@ -186,9 +186,9 @@ def _leave_out_notes(found: Sources) -> None:
     depths = Counter(source.name.count("/") for source in found.files)
     deep = max(depths, default=0)
     endings = {source.path.suffix for source in found.files if source.name.count("/") == deep}
-    above = [
-        one for one in found.files if one.name.count("/") < deep and one.path.suffix == ".txt" not in endings
-    ]
+    if ".txt" in endings:
+        return
+    above = [one for one in found.files if one.name.count("/") < deep and one.path.suffix == ".txt"]
     if 0 < len(above) <= _MOST_NOTES and len(depths) > 1:
         found.files = [source for source in found.files if source not in above]
         found.notes.append(

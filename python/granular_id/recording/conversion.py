@@ -52,6 +52,7 @@ from granular_id.recording.unread import (
     MANY,
     changes_in,
     ids_in,
+    ids_of_runs,
     label_columns,
     labels_of_ids,
     may_be_clock,
@@ -125,11 +126,7 @@ def to_recordings(table: Table, stated: Stated) -> Made:
         made.may_be_sessions = label_columns(named, picked, [rows for rows, _ in parts], SESSION_NAMES)
     if RECORDING not in picked.columns and LABEL not in dict(stated.columns):
         made.label_column = picked.called.get(LABEL)
-        for name in run_columns(table, picked):
-            texts = texts_of(table.columns[name]).tolist()
-            is_flag = set(texts) <= {"0", "1", "True", "False"}
-            if len(set(texts)) == len(changes_in(table.columns[name])) + 1 and not is_flag:
-                made.may_be_ids = [*made.may_be_ids, name]
+        made.may_be_ids = ids_of_runs(table, picked)
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
         made.recordings.append(part.recording())
@@ -354,9 +351,8 @@ class _Part:
         }
         ids = [name for name, changes in others.items() if changes and changes | known == begins]
         days = [name for name in ids if SESSION_NAMES.fullmatch(name)]
-        if (
-            RECORDING in self._columns and SESSION not in self._columns and days
-        ):  # trials counted anew each day
+        if RECORDING in self._columns and SESSION not in self._columns and days:
+            # trials are counted anew each day
             return ("; pass ", in_both(session=f"column:{days[0]}")), ""
         ids = sorted(ids, key=days.__contains__) or ids_in(self._table, self._picked, self._rows, begins)
         beside = [texts_of(cells) for what, cells in self._columns.items() if what in (LABEL, SESSION)]

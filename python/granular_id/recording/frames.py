@@ -72,9 +72,8 @@ def recordings_of_arrays(
 
 def padded_by_zeros(arrays: Sequence[NDArray[Any]]) -> int:
     """Return how many recordings of one array end in rows of zeros that others do not have; 0 where none is padded."""
-    zeros = [
-        np.asarray(~values.any(axis=1)) for values in arrays if values.any()
-    ]  # of those that are not dead
+    alive = [values for values in arrays if values.any()]  # zeros from end to end are a dead sensor
+    zeros = [np.asarray(~values.any(axis=1)) for values in alive]
     if not zeros:
         return 0
     tails = [int(rows[::-1].cumprod().sum()) for rows in zeros]  # rows of zeros at the end of each

@@ -49,6 +49,17 @@ def run_columns(table: Table, picked: Picked) -> list[str]:
     return [name for name in called if 0 < len(changes_in(unread[name])) < len(unread[name]) / MANY]
 
 
+def ids_of_runs(table: Table, picked: Picked) -> list[str]:
+    """Return those of `run_columns` that have a value of its own in each stretch and are no flags."""
+    found = []
+    for name in run_columns(table, picked):
+        texts = set(texts_of(table.columns[name]).tolist())
+        n_stretches = len(changes_in(table.columns[name])) + 1
+        if len(texts) == n_stretches and not texts <= {"0", "1", "True", "False"}:
+            found.append(name)
+    return found
+
+
 def label_columns(
     columns: Mapping[str, NDArray[Any]],
     picked: Picked,
